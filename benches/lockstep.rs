@@ -26,10 +26,11 @@ use std::{
 
 use friction_stage::node::{
     driver::{Driver, LockstepRun},
-    inlet::{Inlet, Waiter},
+    inlet::Inlet,
     outlet::{Outlet, Published},
     participant::{Network, Participant, Reach},
     qos::{CLOCK, COMMANDS, Qos, SAMPLES},
+    waiter::Waiter,
 };
 use friction_stage_core::control::Point;
 use friction_stage_data::message::{

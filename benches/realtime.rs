@@ -48,7 +48,7 @@ fn sleeping(rate: f64, duration: Duration) {
     let histogram = LatenessHistogram::default();
     std::thread::scope(|scope| {
         scope.spawn(|| {
-            prepare_tick_thread();
+            prepare_tick_thread(true);
             let mut ticks = Ticks::new(monotonic(), rate);
             for _ in 0..(rate * duration.as_secs_f64()) as u64 {
                 histogram.record(ticks.wait(), (1e9 / rate) as i64);

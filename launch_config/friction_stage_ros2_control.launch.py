@@ -3,68 +3,50 @@
 ros2 launch friction_stage friction_stage_ros2_control.launch.py
 ros2 launch friction_stage friction_stage_ros2_control.launch.py mode:=lockstep controller:=pid_controller
 
-Needs controller_manager, joint_state_topic_hardware_interface, joint_state_broadcaster, robot_state_publisher,
-force_torque_sensor_broadcaster and the package of the controller. The stage publishes /clock in both modes, and
-everything else runs on it. In lockstep every tick of the manager is answered by one command, but which sample a command
-was computed from is the hardware plugin's chance: a run does not repeat bit for bit (docs/ros2.md, "ros2_control").
+Needs controller_manager, joint_state_topic_hardware_interface, joint_state_broadcaster,
+robot_state_publisher (not with robot_state_publisher:=false), force_torque_sensor_broadcaster and
+the package of the controller. The stage publishes /clock in both modes, and everything else runs on
+it. In lockstep every tick of the manager is answered by one command, but which sample a command was
+computed from is the hardware plugin's chance: a run does not repeat bit for bit (docs/ros2.md,
+"ros2_control").
 """
 
 from pathlib import Path
 
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, Shutdown
+from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration
-from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
 
 HERE = Path(__file__).parent
+# One file for the whole stack, so that rates that must fit each other stand in one place.
 CONTROLLERS_FILE = str(HERE / "friction_stage_controllers.yaml")
 CONTROLLERS = ["joint_trajectory_controller", "forward_command_controller", "pid_controller"]
 
 
+def included(name, **arguments):
+    source = PythonLaunchDescriptionSource(str(HERE / name))
+    return IncludeLaunchDescription(source, launch_arguments=arguments.items())
+
+
 def generate_launch_description():
-    description = ParameterValue((HERE / "friction_stage.urdf").read_text(), value_type=str)
-    stage = PythonLaunchDescriptionSource(str(HERE / "friction_stage_stage_only.launch.py"))
-    controller = LaunchConfiguration("controller")
+    controller = DeclareLaunchArgument(
+        "controller",
+        default_value=CONTROLLERS[0],
+        choices=CONTROLLERS,
+        description="controller that commands the stage",
+    )
+    spawn = ["joint_state_broadcaster force_cell_broadcaster ", LaunchConfiguration("controller")]
+    stack = {
+        "description": str(HERE / "friction_stage.urdf"),
+        "controllers_file": CONTROLLERS_FILE,
+        "spawn": spawn,
+    }
     return LaunchDescription(
         [
-            DeclareLaunchArgument(
-                "controller",
-                default_value=CONTROLLERS[0],
-                choices=CONTROLLERS,
-                description="controller that commands the stage",
-            ),
-            # One file for the whole stack, so that rates that must fit each other stand in one place.
-            IncludeLaunchDescription(
-                stage, launch_arguments={"params_file": CONTROLLERS_FILE}.items()
-            ),
-            Node(
-                package="robot_state_publisher",
-                executable="robot_state_publisher",
-                parameters=[{"robot_description": description, "use_sim_time": True}],
-                output="screen",
-            ),
-            Node(
-                package="controller_manager",
-                executable="ros2_control_node",
-                parameters=[CONTROLLERS_FILE],
-                output="screen",
-                on_exit=Shutdown(reason="the controller manager has ended"),
-            ),
-            Node(
-                package="controller_manager",
-                executable="spawner",
-                arguments=[
-                    "joint_state_broadcaster",
-                    "force_cell_broadcaster",
-                    controller,
-                    "--controller-manager",
-                    "/controller_manager",
-                    "--param-file",
-                    CONTROLLERS_FILE,
-                ],
-                output="screen",
-            ),
+            controller,
+            # First, so that an argument that it refuses leaves no stage behind.
+            included("friction_stage_controller_manager.launch.py", **stack),
+            included("friction_stage_stage_only.launch.py", params_file=CONTROLLERS_FILE),
         ]
     )

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
+from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
@@ -31,6 +32,7 @@ def axes(context):
         if given("record"):
             stage["record"] = f"{given('record')}_{axis}"
         stage = {name: ParameterValue(value, value_type=str) for name, value in stage.items()}
+        stage = [beside_this_file(given("params_file")), stage]
         own = given(f"controller_{axis}")
         controller = [str(HERE / "controller_params.yaml")]
         controller += [beside_this_file(own)] if own else []
@@ -44,7 +46,7 @@ def axes(context):
                 package="friction_stage",
                 executable="stage_node",
                 name="stage",
-                parameters=[str(HERE / "stage_params.yaml"), stage],
+                parameters=stage,
                 **common,
             ),
             Node(
@@ -52,6 +54,7 @@ def axes(context):
                 executable="controller_node",
                 name="controller",
                 parameters=controller,
+                condition=IfCondition(LaunchConfiguration("controller_node")),
                 **common,
             ),
         ]
@@ -82,4 +85,16 @@ def generate_launch_description():
         description="bag directories to record into, with _x and _y after the name; they must not "
         "exist",
     )
-    return LaunchDescription([*models, *controllers, record, OpaqueFunction(function=axes)])
+    params_file = DeclareLaunchArgument(
+        "params_file",
+        default_value="stage_params.yaml",
+        description="parameter file of both stages, by path or by its name in launch_config",
+    )
+    controller_node = DeclareLaunchArgument(
+        "controller_node",
+        default_value="true",
+        choices=["true", "false"],
+        description="whether each axis has a controller_node; false: the stages alone",
+    )
+    arguments = [*models, *controllers, record, params_file, controller_node]
+    return LaunchDescription([*arguments, OpaqueFunction(function=axes)])

@@ -804,7 +804,9 @@ fn a_trace_joins_the_signals_on_their_stamps() {
     }
     let csv = home.path().join("trace.csv");
     trace.write_csv(&csv).unwrap();
-    assert_eq!(Trace::read_csv(&csv).unwrap(), trace);
+    // The table is read as any other.
+    let read = load(&csv, None).unwrap().trace;
+    assert_eq!(read.columns()[1..], trace.columns()[1..]);
 }
 
 #[test]
@@ -820,6 +822,7 @@ fn a_trace_takes_the_reference_from_the_controller_and_says_what_is_missing() {
         let state = ControllerState {
             header: Header::new(k * MILLISECOND, "stage"),
             reference_position: k as f64,
+            output: 10.0 * k as f64,
             ..Default::default()
         };
         bag.write(state_id, k as u64, &state).unwrap();
@@ -827,7 +830,9 @@ fn a_trace_takes_the_reference_from_the_controller_and_says_what_is_missing() {
     bag.finish().unwrap();
     let trace = Trace::from_bag(&directory).unwrap();
     assert_eq!(trace.reference_position, [0.0, 1.0, 2.0]);
-    assert!(trace.force.iter().all(|f| f.is_nan()));
+    // No topic of commands is recorded.
+    assert_eq!(trace.force, [0.0, 10.0, 20.0]);
+    assert!(trace.reference_velocity.iter().all(|velocity| *velocity == 0.0));
 
     let other = home.path().join("other");
     let mut bag = BagWriter::create(&other, &options()).unwrap();

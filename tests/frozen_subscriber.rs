@@ -4,6 +4,8 @@
 //! Subscribers are processes of their own: this test program, started again for the test
 //! `subscriber_process` with a role in the environment. Each prints a line per event.
 
+mod domains;
+
 use std::{
     io::{BufRead, BufReader},
     process::{Child, Command, Stdio},
@@ -12,6 +14,7 @@ use std::{
     time::{Duration, Instant},
 };
 
+use domains::domain;
 use friction_stage::node::{
     outlet::{Outlet, Published},
     participant::{Network, Participant, Reach},
@@ -133,8 +136,7 @@ fn healthy_subscribers_lose_nothing_when_others_freeze_or_die() {
     const WINDOW: u32 = 512;
     let period = Duration::from_millis(1);
 
-    // Of its own among the domains whose ports lie below the ephemeral ones.
-    let domain = 1 + u16::try_from(std::process::id() % 100).expect("below 100");
+    let domain = domain(0);
     let healthy = [Subscriber::start(domain, "healthy_a"), Subscriber::start(domain, "healthy_b")];
     let frozen = Subscriber::start(domain, "frozen");
     let killed = Subscriber::start(domain, "killed");
@@ -225,7 +227,7 @@ fn a_subscriber_that_comes_late_interrupts_nobody() {
     const WINDOW: u32 = 512;
     const PERIOD: Duration = Duration::from_millis(1);
 
-    let domain = 1 + u16::try_from((std::process::id() + 50) % 100).expect("below 100");
+    let domain = domain(1);
     let healthy = Subscriber::start(domain, "healthy");
     let participant =
         Participant::join(network(domain), "/", "publisher", NodeOptions::new()).unwrap();
@@ -280,7 +282,7 @@ fn a_patient_outlet_keeps_the_order_for_one_that_lags() {
     const WINDOW: u32 = 4096;
     const MESSAGES: u64 = WINDOW as u64;
 
-    let domain = 1 + u16::try_from((std::process::id() + 25) % 100).expect("below 100");
+    let domain = domain(2);
     let (slow, healthy) = (Subscriber::start(domain, "slow"), Subscriber::start(domain, "healthy"));
     let (_participant, mut outlet) = patient_outlet(domain, WINDOW);
     let limit = Duration::from_secs(30);
@@ -340,7 +342,7 @@ fn a_patient_outlet_keeps_the_order_for_one_that_lags() {
 fn a_planned_change_waits_for_a_healthy_subscriber_that_lags() {
     const WINDOW: u32 = 4096;
 
-    let domain = 1 + u16::try_from((std::process::id() + 60) % 100).expect("below 100");
+    let domain = domain(3);
     let subscriber = Subscriber::start(domain, "lagging");
     let (_participant, mut outlet) = patient_outlet(domain, WINDOW);
     let limit = Duration::from_secs(30);
@@ -392,7 +394,7 @@ fn a_publisher_that_keeps_the_pace_leaves_no_subscriber_far_behind() {
     const MESSAGES: u64 = 20_000;
     const FAR: u64 = 128;
 
-    let domain = 1 + u16::try_from((std::process::id() + 37) % 100).expect("below 100");
+    let domain = domain(4);
     let subscriber = Subscriber::start(domain, "busy");
     let (participant, mut outlet) = patient_outlet(domain, SAMPLES.window);
     let limit = Duration::from_secs(30);
@@ -439,7 +441,7 @@ fn a_publisher_that_keeps_the_pace_leaves_no_subscriber_far_behind() {
 
 #[test]
 fn what_a_patient_outlet_holds_is_sent_without_a_further_message() {
-    let domain = 1 + u16::try_from((std::process::id() + 75) % 100).expect("below 100");
+    let domain = domain(5);
     let subscriber = Subscriber::start(domain, "subscriber");
     let (_participant, mut outlet) = patient_outlet(domain, 64);
     let limit = Duration::from_secs(30);
@@ -499,7 +501,7 @@ fn publishers_of_nodes(domain: u16, enough: impl Fn(&[Vec<u8>]) -> bool) -> Vec<
 
 #[test]
 fn a_node_lists_its_publishers_of_now_however_often_they_were_replaced() {
-    let domain = 1 + u16::try_from((std::process::id() + 12) % 100).expect("below 100");
+    let domain = domain(6);
     let participant =
         Participant::join(network(domain), "/", "publisher", NodeOptions::new()).unwrap();
     let qos = Qos::reliable(10).window(64);
@@ -529,7 +531,7 @@ fn a_node_lists_its_publishers_of_now_however_often_they_were_replaced() {
 
 #[test]
 fn an_outlet_refuses_a_latched_profile() {
-    let domain = 101;
+    let domain = domain(7);
     let participant =
         Participant::join(network(domain), "/", "latched", NodeOptions::new()).unwrap();
     let Err(error) = Outlet::<Float64MultiArray>::new(&participant, TOPIC, &Qos::latched(1)) else {

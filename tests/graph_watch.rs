@@ -1,7 +1,10 @@
 //! Peers are noticed when they come, when they leave, and when they do not fit.
 
+mod domains;
+
 use std::time::{Duration, Instant};
 
+use domains::domain;
 use friction_stage::node::{
     inlet::Inlet,
     outlet::Outlet,
@@ -14,8 +17,7 @@ use ros2_client::NodeOptions;
 const PATIENCE: Duration = Duration::from_secs(20);
 
 fn join(test: u16, name: &str) -> Participant {
-    let domain = 1 + (u16::try_from(std::process::id() % 100).unwrap() + 33 * test) % 100;
-    let network = Network { domain, reach: Reach::Localhost };
+    let network = Network { domain: domain(test), reach: Reach::Localhost };
     Participant::join(network, "/", name, NodeOptions::new()).unwrap()
 }
 

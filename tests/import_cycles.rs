@@ -18,6 +18,11 @@ fn identification_imports_only_downwards() {
 }
 
 #[test]
+fn nodes_import_only_downwards() {
+    assert_no_cycle("src", "node/");
+}
+
+#[test]
 fn a_cycle_is_found_whatever_way_it_is_written() {
     let files = |second: &str| {
         BTreeMap::from([

@@ -4,8 +4,11 @@
 //! The client is made of DDS endpoints, so that it can ask first and open its reader later; what
 //! Fast DDS does when the packet that announces the reader is lost.
 
+mod domains;
+
 use std::time::Duration;
 
+use domains::domain;
 use friction_stage::node::{
     participant::{Network, Participant, Reach},
     service::{self, READER_COMES_WITHIN, Service},
@@ -34,8 +37,7 @@ impl Service for SetBool {
 }
 
 fn join(test: u16, name: &str) -> Participant {
-    let domain = 1 + (u16::try_from(std::process::id() % 100).unwrap() + 33 * test) % 100;
-    let network = Network { domain, reach: Reach::Localhost };
+    let network = Network { domain: domain(test), reach: Reach::Localhost };
     Participant::join(network, "/", name, NodeOptions::new()).unwrap()
 }
 

@@ -22,7 +22,7 @@ use friction_stage_data::bag::{BagReader, LOCKSTEP_EPOCH, topics};
 use friction_stage_data::message::{ControllerState, JointState};
 use friction_stage_data::motion_file;
 use friction_stage_lab::{
-    Cell, Column, ColumnKind, FollowedSample, MotionQuality, TableFormat, motion_quality,
+    Cell, Column, ColumnKind, FollowedSample, MotionQuality, Move, TableFormat, motion_quality,
     moves_along, write_table,
 };
 use friction_stage_report::played::{
@@ -309,10 +309,14 @@ pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
             saturated: sample.saturated,
         })
         .collect();
-    let each: Vec<Option<MotionQuality>> = moves
+    let quality = |moves: &[Move]| {
+        motion_quality(moves, &followed)
+            .with_context(|| format!("{} lacks the samples of a move", args.record.display()))
+    };
+    let each: Vec<MotionQuality> = moves
         .iter()
-        .map(|a_move| motion_quality(std::slice::from_ref(a_move), &followed))
-        .collect();
+        .map(|one| quality(std::slice::from_ref(one)))
+        .collect::<anyhow::Result<_>>()?;
     let title = format!("{} on {}", args.motion.display(), model.name);
     let drawing = played_figure(&title, &samples, &moves, settings.limits)?;
     std::fs::write(&figure, made_by::signed("played.svg", &drawing))
@@ -342,7 +346,7 @@ pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         cycles_per_second: done.rate,
         complete: !done.incomplete,
         moves: played_moves(&moves, &each, &samples),
-        all_moves: motion_quality(&moves, &followed),
+        all_moves: (!moves.is_empty()).then(|| quality(&moves)).transpose()?,
     };
     if args.json {
         writeln!(out, "{}", serde_json::to_string_pretty(&report)?)?;

@@ -271,21 +271,8 @@ impl Played {
             }
             (None, None) => 1,
         };
-        let mut trace = Trace::from_reader(&reader)?;
+        let trace = Trace::from_reader(&reader)?;
         let recording = load(&args.bag, None);
-        // Forces as they acted: where time did not wait for them, some came late.
-        if provenance.as_ref().is_some_and(Provenance::is_of_forces_in_real_time)
-            && let Ok(recording) = &recording
-        {
-            let acted = &recording.trace;
-            let offset = (trace.origin_ns - acted.origin_ns) as f64 * 1e-9;
-            for (force, time) in trace.force.iter_mut().zip(&trace.time) {
-                // Before the first row, and in a hole, there is none.
-                let row = ((time + offset) * recording.rate).round();
-                let there = (row >= 0.0).then(|| acted.force.get(row as usize)).flatten();
-                *force = there.copied().unwrap_or(f64::NAN);
-            }
-        }
         let rates = match &provenance {
             Some(provenance) => {
                 let rate = |key: &str| -> anyhow::Result<f64> {

@@ -38,16 +38,20 @@ pub fn sleep_until(deadline: i64) {
     {}
 }
 
-/// Asks the kernel to wake this thread on time: timer slack of 1 ns instead of 50 us, and
-/// SCHED_FIFO where permitted.
+/// Priority of the thread that ticks, above every `priority` of a node.
+const TICK_PRIORITY: i32 = 50;
+
+/// Asks the kernel to wake this thread on time: timer slack of 1 ns instead of 50 us, and, where it
+/// is wanted and permitted, SCHED_FIFO.
 ///
 /// Returns whether real-time scheduling was granted.
-pub fn prepare_tick_thread() -> bool {
+pub fn prepare_tick_thread(real_time: bool) -> bool {
     // SAFETY: plain calls on the calling thread with valid arguments.
     unsafe {
         libc::prctl(libc::PR_SET_TIMERSLACK, 1usize);
-        let parameters = libc::sched_param { sched_priority: 50 };
-        libc::pthread_setschedparam(libc::pthread_self(), libc::SCHED_FIFO, &parameters) == 0
+        let parameters = libc::sched_param { sched_priority: TICK_PRIORITY };
+        real_time
+            && libc::pthread_setschedparam(libc::pthread_self(), libc::SCHED_FIFO, &parameters) == 0
     }
 }
 

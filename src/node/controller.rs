@@ -6,7 +6,7 @@
 //! controller is silent: in real time the stage's force goes to zero, in lockstep its time stands
 //! still.
 
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU8, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::task::Poll;
 use std::time::{Duration, Instant};
@@ -18,6 +18,7 @@ use tokio::sync::oneshot;
 
 use super::action::{self, GoalEnd, GoalId, News, Wish};
 use super::clock;
+use super::control::Control;
 use super::controller_settings as settings;
 use super::delay::Delay;
 use super::follow_joint_trajectory::{
@@ -26,17 +27,19 @@ use super::follow_joint_trajectory::{
 };
 use super::help;
 use super::identify_loop::{self, Measurement};
-use super::inlet::{Inlet, Waiter};
+use super::inlet::Inlet;
 use super::lifecycle::Lifecycle;
+use super::lock::lock;
 use super::memory_watch;
 use super::outlet::{Outlet, Published};
 use super::parameters::ParameterValues;
 use super::participant::Participant;
 use super::qos::{COMMANDS, CONTROLLER_STATE, DIAGNOSTICS, FORCES, Qos, SAMPLES};
-use super::runtime::{Background, Control, End, Startup, lock};
+use super::runtime::{Background, End, Startup};
 use super::signals::Signals;
 use super::source_watch::SourceWatch;
 use super::stage_status::{SECOND_SOURCE, gid_text};
+use super::waiter::Waiter;
 use super::wire::{Setpoint, SetpointError, controller_state, setpoint};
 use super::words::{Recent, quoted};
 use crate::outcome::Outcome;
@@ -86,6 +89,8 @@ const FEW: u32 = 32;
 const PREFIX: usize = 12;
 /// Positions beyond this, m, are no positions of a stage.
 const FAR: f64 = 1e6;
+/// Without a sample for longer, diagnostics say so.
+const SILENT: Duration = Duration::from_secs(1);
 /// Least share of its bandwidth that a late loop keeps.
 const LEAST_SHARE: f64 = 0.02;
 
@@ -112,11 +117,65 @@ struct Status {
     fault: Mutex<Option<String>>,
     last_refusal: Recent,
     real_time: bool,
+    /// What becomes of the samples.
+    phase: AtomicU8,
+    /// When the last sample came, ns of the monotonic clock, 0 before; whether its time is that of
+    /// lockstep.
+    heard: AtomicI64,
+    simulated: AtomicBool,
+}
+
+/// What becomes of a sample.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+enum Phase {
+    Answered,
+    Disabled,
+    WaitingForSetpoint,
 }
 
 impl Status {
+    /// Takes note of a sample, stamped in ns.
+    fn hear(&self, stamp: i64) {
+        self.heard.store(clock::monotonic(), Ordering::Relaxed);
+        self.simulated.store(stamp < LOCKSTEP_BELOW, Ordering::Relaxed);
+    }
+
+    /// Takes note of what becomes of it. A loop that is not closed has nothing to warn about.
+    fn enter(&self, phase: Phase) {
+        if self.phase.swap(phase as u8, Ordering::Relaxed) != phase as u8
+            && phase != Phase::Answered
+        {
+            *lock(&self.warning) = None;
+            self.share_ppm.store(0, Ordering::Relaxed);
+            self.delay_us.store(0, Ordering::Relaxed);
+        }
+    }
+
+    /// Why no force is sent, and whether that is wrong; `None` while samples are answered.
+    fn idle(&self) -> Option<(String, bool)> {
+        let heard = self.heard.load(Ordering::Relaxed);
+        let silence = Duration::from_nanos((clock::monotonic() - heard).max(0) as u64);
+        let simulated = self.simulated.load(Ordering::Relaxed);
+        let phase = self.phase.load(Ordering::Relaxed);
+        if heard == 0 {
+            Some(("waits for the first sample of the stage".to_owned(), false))
+        } else if silence > SILENT && simulated {
+            Some(("time stands still".to_owned(), false))
+        } else if silence > SILENT {
+            Some((format!("no sample of the stage for {:.0} s", silence.as_secs_f64()), true))
+        } else if phase == Phase::Disabled as u8 {
+            Some(("not enabled: sends no force".to_owned(), false))
+        } else if phase == Phase::WaitingForSetpoint as u8 {
+            Some(("waits for its first setpoint".to_owned(), false))
+        } else {
+            None
+        }
+    }
+
     fn refuse(&self, counter: &AtomicU64, reason: String) {
         let count = counter.fetch_add(1, Ordering::Relaxed) + 1;
+        let reason = quoted(&reason);
         let is_new = self.last_refusal.set(&reason);
         if count.is_power_of_two() || is_new && count < 100 {
             tracing::warn!("refused: {reason} ({count} so far)");
@@ -141,7 +200,11 @@ impl Status {
         let late = (share > 0 && share < 1_000_000).then(|| {
             format!("samples come late: {:.0} % of the bandwidth is left", 1e-4 * share as f64)
         });
-        let warnings = [lock(&self.warning).clone(), late, self.last_refusal.get()];
+        let idle = self.idle();
+        let of_loop = if idle.is_none() { lock(&self.warning).clone() } else { None };
+        let late = late.filter(|_| idle.is_none());
+        let silence = idle.as_ref().filter(|(_, is_wrong)| *is_wrong).map(|(words, _)| words);
+        let warnings = [of_loop, late, silence.cloned(), self.last_refusal.get()];
         let fault = lock(&self.fault).clone();
         let level = if fault.is_some() {
             DiagnosticStatus::ERROR
@@ -151,7 +214,11 @@ impl Status {
             DiagnosticStatus::OK
         };
         let words: Vec<String> = fault.into_iter().chain(warnings.into_iter().flatten()).collect();
-        let message = if words.is_empty() { "running".to_owned() } else { words.join("; ") };
+        let message = if words.is_empty() {
+            idle.map_or_else(|| "running".to_owned(), |(words, _)| words)
+        } else {
+            words.join("; ")
+        };
         let mut values: Vec<KeyValue> =
             values.map(|(key, counter)| KeyValue::new(key, counter.load(Ordering::Relaxed))).into();
         values.push(KeyValue::new("real_time_scheduling", self.real_time));
@@ -585,6 +652,7 @@ impl ControllerLoop {
             );
             return self.status.refuse(&self.status.refused_samples, reason);
         };
+        self.status.hear(stamp);
         if self.frame.is_empty() {
             self.frame.clone_from(&message.header.frame_id);
         }
@@ -696,9 +764,11 @@ impl ControllerLoop {
         let cause = match health {
             Health::Fine => {
                 *lock(&self.status.warning) = None;
+                self.forgive();
                 return;
             }
             Health::Warning(cause) => {
+                self.forgive();
                 let warning = cause.to_string();
                 let mut last = lock(&self.status.warning);
                 if last.is_none() {
@@ -710,7 +780,11 @@ impl ControllerLoop {
             Health::Stop(cause) => cause,
         };
         if !self.watch.stops && cause != Cause::NotFinite {
-            *lock(&self.status.warning) = Some(cause.to_string());
+            let mut fault = lock(&self.status.fault);
+            if fault.is_none() {
+                tracing::error!("{cause}; the loop goes on (supervision.enabled is false)");
+            }
+            *fault = Some(cause.to_string());
             return;
         }
         self.give_up_measurement(&format!("the supervision stopped the stage: {cause}"));
@@ -730,12 +804,24 @@ impl ControllerLoop {
         self.forget();
     }
 
+    /// What a loop that is not to be stopped was blamed for is over.
+    fn forgive(&self) {
+        if !self.watch.stops {
+            *lock(&self.status.fault) = None;
+        }
+    }
+
     /// Computes and answers the last sample.
     fn compute(&mut self) {
         let Some(last) = &mut self.last else { return };
         let (stamp, position, velocity) = (last.stamp, last.position, last.velocity);
         let silent = !self.enabled || self.wait_for_setpoint;
         last.answered = !silent;
+        self.status.enter(match (self.enabled, self.wait_for_setpoint) {
+            (false, _) => Phase::Disabled,
+            (true, true) => Phase::WaitingForSetpoint,
+            (true, false) => Phase::Answered,
+        });
         if silent {
             self.held = Terms { reference: self.follower.at(stamp), position, ..Terms::default() };
             self.held.error = self.held.reference.position - position;

@@ -1,13 +1,14 @@
 //! How late a controller is: the time that a sample of real time took to its answer.
 //!
-//! In: the stamp of each sample and the system clock. Out: the delay beyond the least one of late,
-//! so that the clocks of two machines need not agree, as a peak that fades. Stamps of simulated
+//! In: the stamp of each sample and the system clock. Out: the delay beyond the least one of the
+//! last seconds, as a peak that fades. So the clocks of two machines need not agree, and a stage
+//! whose stamps lag for good after a pause has a delay for some seconds only. Stamps of simulated
 //! time are far from the system clock and have no delay.
 
 /// Farther from the system clock than this, a stamp is of simulated time, ns.
 const SIMULATED: i64 = 60_000_000_000;
-/// The least delay rises by this share of time, so that it follows clocks that drift apart.
-const DRIFT: f64 = 1e-4;
+/// The least delay is that of this time at least, and of twice as much at most, ns.
+const REMEMBERED: i64 = 4_000_000_000;
 /// A peak falls to a third of itself within this time, s.
 const FADES: f64 = 0.5;
 
@@ -23,8 +24,10 @@ pub struct Delay {
 struct Last {
     /// System time, ns.
     now: i64,
-    /// Least age of late, ns.
-    least: f64,
+    /// When the newer of the two least ages began, ns.
+    since: i64,
+    /// Least age before then, and from then on, ns.
+    least: [i64; 2],
 }
 
 impl Delay {
@@ -35,16 +38,16 @@ impl Delay {
             *self = Delay::default();
             return 0.0;
         }
-        let age = age as f64;
-        let (least, passed) = match self.last {
-            Some(last) => {
-                let passed = (now - last.now).max(0) as f64;
-                ((last.least + DRIFT * passed).min(age), passed * 1e-9)
-            }
-            None => (age, 0.0),
-        };
-        self.last = Some(Last { now, least });
-        self.peak = (self.peak * (-passed / FADES).exp()).max((age - least) * 1e-9);
+        let mut last = self.last.unwrap_or(Last { now, since: now, least: [age, age] });
+        if now - last.since > REMEMBERED {
+            (last.since, last.least) = (now, [last.least[1], age]);
+        }
+        last.least[1] = last.least[1].min(age);
+        let least = last.least[0].min(last.least[1]);
+        let passed = (now - last.now).max(0) as f64 * 1e-9;
+        last.now = now;
+        self.last = Some(last);
+        self.peak = (self.peak * (-passed / FADES).exp()).max((age - least) as f64 * 1e-9);
         self.peak
     }
 }
@@ -66,6 +69,17 @@ mod tests {
         assert!((peak - 7.9e-3).abs() < 1e-6, "{peak}");
         let later = (101..600).map(|k| at(k, ms / 10)).last().unwrap();
         assert!((0.3..0.45).contains(&(later / peak)), "{later}");
+    }
+
+    /// As after a stage was stopped for a second and goes on: its time does.
+    #[test]
+    fn stamps_that_lag_for_good_are_late_for_some_seconds_only() {
+        let (mut delay, start, ms) = (Delay::default(), 1_700_000_000_000_000_000, 1_000_000);
+        let mut at = |k: i64, late: i64| delay.observe(start + k * ms, start + k * ms + late);
+        assert!((0..5_000).all(|k| at(k, ms / 10) < 1e-6));
+        let during: Vec<f64> = (5_000..20_000).map(|k| at(k, 1_000 * ms)).collect();
+        assert!((during[1_000] - 1.0).abs() < 1e-2, "{}", during[1_000]);
+        assert!(during[14_000] < 1e-3, "{}", during[14_000]);
     }
 
     #[test]

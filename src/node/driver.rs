@@ -12,12 +12,14 @@ use std::time::{Duration, Instant};
 use anyhow::Context as _;
 
 use super::domain::OwnDomain;
-use super::inlet::{Inlet, Waiter};
+use super::inlet::Inlet;
 use super::outlet::Outlet;
 use super::participant::{Network, Participant, Reach};
 use super::qos::{COMMANDS, DIAGNOSTICS};
 use super::socket_filter::LARGEST_SAMPLE;
+use super::waiter::Waiter;
 use super::wire::joint_trajectory;
+use super::words::quoted;
 use crate::interrupt::{self, Patience};
 use friction_stage_core::control::Point;
 use friction_stage_data::message::to_cdr;
@@ -321,7 +323,11 @@ impl Driver {
             if let Some(Ok(message)) = &message
                 && let Some(stopped) = controller_error(message)
             {
-                anyhow::bail!("the controller: {stopped}; see {}", controller.log.display());
+                anyhow::bail!(
+                    "the controller: {}; see {}",
+                    quoted(stopped),
+                    controller.log.display()
+                );
             }
             if let Some(Ok(message)) = message
                 && let Some((sample, stamp)) = stage_report(&message)

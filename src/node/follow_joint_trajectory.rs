@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::action::{Action, GoalId};
 use super::parameters::ParameterValues;
+use super::words::quoted;
 use friction_stage_core::control::Reference;
 use friction_stage_data::message::{
     Duration, Header, JointTrajectory, JointTrajectoryControllerState, JointTrajectoryPoint,
@@ -134,7 +135,7 @@ impl Constraints {
     /// something without meaning.
     pub fn asked_by(&self, goal: &FollowGoal, joint: &str) -> Constraints {
         self.resolved(goal, joint).unwrap_or_else(|why| {
-            tracing::warn!("{why}. Using default tolerances");
+            tracing::warn!("{}. Using default tolerances", quoted(&why));
             *self
         })
     }

@@ -27,8 +27,8 @@ use tokio::sync::Notify;
 
 use super::{
     early,
-    inlet::Waiter,
     socket_filter::{Acknowledgement, on_acknowledgement},
+    waiter::Waiter,
 };
 
 /// A matched endpoint of another node.

@@ -14,8 +14,8 @@ use futures::channel::mpsc::UnboundedSender;
 use futures::future::BoxFuture;
 use tokio::sync::oneshot;
 
+use super::lock::lock;
 use super::parameters::{ParameterSet, ParameterSpec, ParameterValues};
-use super::runtime::lock;
 use friction_stage_core::control::{ControllerSettings, Reference, Terms};
 use friction_stage_lab::{COHERENT, LoopProbe, LoopSine, Margins, MeasuredLoop};
 

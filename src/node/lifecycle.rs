@@ -14,10 +14,11 @@ use serde::{Deserialize, Serialize};
 use tokio::sync::oneshot;
 
 use super::clock;
+use super::control::Control;
+use super::lock::lock;
 use super::outlet::Outlet;
 use super::participant::Participant;
 use super::qos::TRANSITIONS;
-use super::runtime::{Control, lock};
 use super::service::{self, services};
 use friction_stage_data::message::lifecycle_msgs::{State, Transition, TransitionEvent};
 
@@ -127,11 +128,14 @@ impl Life {
             named && *from == self.state
         });
         let Some((id, label, from, through)) = found else {
-            let (id, label, here) = (wanted.id, &wanted.label, state(self.state).label);
-            tracing::warn!(
-                "no transition {id} `{}` from the state {here}",
-                super::words::quoted(label)
-            );
+            let here = state(self.state).label;
+            match wanted.label.as_str() {
+                "" => tracing::warn!("no transition {} from the state {here}", wanted.id),
+                label => tracing::warn!(
+                    "no transition `{}` from the state {here}",
+                    super::words::quoted(label)
+                ),
+            }
             return false;
         };
         let success = TRANSITIONS_OF_ALL

@@ -21,8 +21,9 @@ use futures::channel::mpsc::UnboundedSender;
 use serde::{Deserialize, Serialize};
 use tokio::sync::{broadcast, oneshot};
 
+use super::control::Control;
+use super::lock::lock;
 use super::recorder::RecorderHandle;
-use super::runtime::{Control, lock};
 use super::wire::Tick;
 use crate::cpu;
 use friction_stage_core::control::Follower;

@@ -12,7 +12,7 @@ use ros2_client::ParameterValue;
 use serde::de::{Deserialize, Deserializer, MapAccess, SeqAccess, Visitor};
 use serde_saphyr::{NonFiniteFloatPolicy, Spanned};
 
-use super::arguments::{ArgumentError, Assignment, NodePattern};
+use super::assignment::{ArgumentError, Assignment, NodePattern};
 use friction_stage_core::yaml;
 
 const PARAMETERS: &str = "ros__parameters";

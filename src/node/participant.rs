@@ -22,24 +22,12 @@ use super::graph_info::GraphInfo;
 use super::graph_watch::GraphWatch;
 use super::qos::Qos;
 use super::qos_overrides::QosOverrides;
+pub use super::reach::Reach;
 use super::{socket_filter, uninterrupted};
 
 /// Largest domain whose UDP ports exist: 7400 + 250 * domain + 11 must stay below 65536
 /// (DDSI-RTPS 2.5, 9.6.2.3).
 pub const LARGEST_DOMAIN: u16 = 232;
-
-/// How far discovery reaches.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Reach {
-    /// This machine only: loopback.
-    Localhost,
-    /// Every network interface, with multicast.
-    Subnet,
-}
-
-impl Reach {
-    const NAMES: [&'static str; 4] = ["SUBNET", "LOCALHOST", "OFF", "SYSTEM_DEFAULT"];
-}
 
 /// Where a participant takes part: the domain and how far it is seen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

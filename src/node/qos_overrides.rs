@@ -8,8 +8,8 @@ use std::sync::Mutex;
 
 use ros2_client::ParameterValue;
 
+use super::lock::lock;
 use super::qos::{Durability, Qos, Reliability};
-use super::runtime::lock;
 
 /// What stands before the name of the topic.
 pub const PREFIX: &str = "qos_overrides.";

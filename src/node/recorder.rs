@@ -15,9 +15,9 @@ use ros2_client::Gid;
 
 use super::cpu;
 use super::inlet::Inlet;
+use super::lock::lock;
 use super::participant::{Network, Participant};
 use super::qos::{CLOCK, COMMANDS, DIAGNOSTICS, Qos, SAMPLES};
-use super::runtime::lock;
 use super::stage_status::StageStatus;
 use super::wire::{StageNames, Tick};
 use friction_stage_data::bag::{BagError, BagOptions, BagWriter, OfferedQos, TopicId};
@@ -37,6 +37,11 @@ const NAP: Duration = Duration::from_millis(2);
 /// Longest wait, when a bag is opened, for a controller that is there: discovery on one machine
 /// takes 0.1 s.
 const FIND: Duration = Duration::from_millis(300);
+/// Longest wait for the first state of a controller that was found, where time goes on: what it
+/// tells before it has found the recorder, too, does not arrive.
+const FIRST_STATE: Duration = Duration::from_secs(1);
+/// A state whose stamp is further from the stage's time has the log time of its arrival, ns.
+const NEAR: i64 = 10_000_000_000;
 /// Longest wait without any news of the controller, when a bag is closed or time waits in lockstep,
 /// for the states of samples that it has answered. A lost datagram is repeated within two
 /// heartbeats of 100 ms; the rest is for a machine that is busy.
@@ -246,12 +251,12 @@ impl RecorderHandle {
         self.status.clone()
     }
 
-    /// Hands over a message if a bag is open. `stamp` in ns; 0 takes the time of the last sample.
-    pub fn hear(&self, stamp: i64, message: impl FnOnce() -> Heard) {
+    /// Hands over a message if a bag is open, with the time of the last sample: what a peer says of
+    /// its time is no log time.
+    pub fn hear(&self, message: impl FnOnce() -> Heard) {
         if self.is_recording() {
-            let now = || self.stage.stamp.load(Ordering::Relaxed).max(self.start);
-            let time = if stamp > 0 { stamp } else { now() };
-            lock(&self.heard).push((time, message()));
+            let now = self.stage.stamp.load(Ordering::Relaxed).max(self.start);
+            lock(&self.heard).push((now, message()));
         }
     }
 }
@@ -281,6 +286,9 @@ impl Recorder {
             bag: None,
             controller: None,
             heard,
+            since: i64::MIN,
+            first_answered: None,
+            has_states: false,
             answered: i64::MIN,
             last_force: None,
             last_tick: None,
@@ -309,6 +317,12 @@ struct Work {
     controller: Option<Listener>,
     /// Messages that the loop handed over.
     heard: Arc<Mutex<Vec<(i64, Heard)>>>,
+    /// Stamp of the last sample before the bag, ns.
+    since: i64,
+    /// Stamp of the first force of a sample in the bag, ns: a state of its sample comes with it.
+    first_answered: Option<i64>,
+    /// A state of the controller is in the bag.
+    has_states: bool,
     /// Stamp of the last force, ns.
     answered: i64,
     /// The last force in the bag.
@@ -455,6 +469,7 @@ impl Work {
         // Of before the bag was open.
         while self.ring.pop().is_ok() {}
         lock(&self.heard).clear();
+        (self.first_answered, self.has_states) = (None, false);
         self.answered = i64::MIN;
         self.last_force = None;
         self.last_tick = None;
@@ -470,6 +485,7 @@ impl Work {
                 self.setup.topics.controller_state
             ),
         }
+        self.since = self.setup.stage.stamp.load(Ordering::Relaxed);
         self.status.recording.store(true, Ordering::Release);
         Ok(())
     }
@@ -516,7 +532,11 @@ impl Work {
         let heard = std::mem::take(&mut *lock(&self.heard));
         for (time, message) in heard {
             if let Heard::Force(force) = &message {
-                self.answered = force.header.stamp.to_nanos();
+                // Nothing is answered before it was sampled.
+                self.answered = force.header.stamp.to_nanos().min(time);
+                if self.answered > self.since {
+                    self.first_answered.get_or_insert(self.answered);
+                }
                 // A controller that heard its sample again answers it again.
                 if self.last_force.as_ref().is_some_and(|last| last == force) {
                     continue;
@@ -551,7 +571,17 @@ impl Work {
     }
 
     fn write_state(&mut self, state: ControllerState) {
-        let time = state.header.stamp.to_nanos();
+        let stamp = state.header.stamp.to_nanos();
+        let now = self.setup.stage.stamp.load(Ordering::Relaxed).max(self.setup.start);
+        if stamp <= self.since {
+            return;
+        }
+        if !std::mem::replace(&mut self.has_states, true)
+            && let Some(first) = self.first_answered
+        {
+            self.miss(((stamp - first).clamp(0, NEAR) / self.setup.period.max(1)) as u64);
+        }
+        let time = if now.abs_diff(stamp) <= NEAR as u64 { stamp } else { now };
         self.write(|bag, _| bag.write_heard(time, &Heard::ControllerState(state)));
     }
 
@@ -618,8 +648,8 @@ impl Listener {
         )?;
         let inlet =
             Inlet::<ControllerState>::new(&participant, &setup.topics.controller_state, &HEARD)?;
-        participant.watch().wait_for_matches(inlet.guid(), 1, FIND);
-        Ok(Listener {
+        let is_found = participant.watch().wait_for_matches(inlet.guid(), 1, FIND) > 0;
+        let mut listener = Listener {
             inlet,
             last: None,
             met: false,
@@ -628,7 +658,20 @@ impl Listener {
             interval: i64::MAX,
             period: setup.period,
             taken: Instant::now(),
-        })
+        };
+        if is_found {
+            listener.meet();
+        }
+        Ok(listener)
+    }
+
+    /// Waits until a state has come.
+    fn meet(&mut self) {
+        let found = Instant::now();
+        while self.stamp == i64::MIN && found.elapsed() < FIRST_STATE {
+            std::thread::sleep(NAP);
+            self.take();
+        }
     }
 
     /// No state has come for a long time.

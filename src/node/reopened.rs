@@ -21,7 +21,7 @@ use ros2_client::{ReadError, RmwRequestId};
 use tokio::time::{Sleep, sleep};
 
 use super::participant::Participant;
-use super::service::ServiceError;
+use super::service_error::ServiceError;
 
 /// How long the server before is heard: twice the time after which a heartbeat repeats what of the
 /// discovery was lost, 1 s with rustdds.

@@ -6,7 +6,7 @@
 
 use std::collections::BTreeMap;
 use std::io::IsTerminal;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use anyhow::Context as _;
 use futures::channel::mpsc::UnboundedSender;
@@ -15,6 +15,7 @@ use ros2_client::NodeOptions;
 use tokio::sync::oneshot;
 
 use super::arguments::{Override, RosArguments, fully_qualified};
+use super::control::Control;
 use super::cpu;
 use super::lifecycle::{self, Lifecycle};
 use super::memory_watch;
@@ -23,31 +24,9 @@ use super::participant::{self, Network, Participant, environment};
 use super::qos_overrides::{self, QosOverrides};
 use super::service::{self, services};
 use super::signals::Signals;
-use super::simulation::{self, Steps};
+use super::simulation;
 use super::std_srvs::{SetBoolRequest, SetBoolResponse, TriggerRequest, TriggerResponse};
 use super::words::quoted;
-
-/// What the rest of the process tells a node's loop.
-#[derive(Debug)]
-pub enum Control {
-    Enable(bool),
-    Reset(oneshot::Sender<Result<String, String>>),
-    /// Time is paused, or continues; in lockstep.
-    Pause(bool, oneshot::Sender<()>),
-    /// Samples to go on by while time stands still; in lockstep.
-    Step(Steps),
-    /// Those are not wanted any more.
-    StopSteps,
-    /// Bandwidth of the stage's own position loop, Hz.
-    Bandwidth(f64, oneshot::Sender<Result<String, String>>),
-    /// A step of the stage's own setpoint, m.
-    Move(f64, oneshot::Sender<Result<String, String>>),
-    /// Parameters that can change while running have changed.
-    Retune,
-    /// The node must end, and why.
-    End(String),
-    Shutdown,
-}
 
 /// Name and arguments of a node, before it joins the network.
 pub struct Startup {
@@ -108,9 +87,10 @@ impl Startup {
         let level =
             self.arguments.log_level(&self.name).map_or(LevelFilter::INFO, LevelFilter::from);
         // The DDS library warns of every stray packet, and calls errors what is none: leaving a
-        // multicast group that loopback does not have.
+        // multicast group that loopback does not have, a writer that is removed under load.
         let quiet = "rustdds=error,ros2_client=error,rustdds::network=off,\
-                     rustdds::discovery::discovery_db=off,ros2_client::node=off";
+                     rustdds::discovery::discovery_db=off,rustdds::dds::pubsub=off,\
+                     ros2_client::node=off";
         let filter = std::env::var("RUST_LOG")
             .ok()
             .and_then(|text| EnvFilter::try_new(text).ok())
@@ -371,9 +351,4 @@ impl Background {
         let _ = control.unbounded_send(Control::Shutdown);
         Ok(end)
     }
-}
-
-/// A lock that a panic elsewhere does not poison for good.
-pub fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

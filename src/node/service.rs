@@ -13,6 +13,7 @@ use rustdds::GUID;
 
 use super::participant::Participant;
 use super::reopened::{Reopened, Shared, Taken};
+pub use super::service_error::ServiceError;
 
 /// How long an answer waits for the reader that it is for. A packet of the discovery that was lost
 /// comes again with the next heartbeat, after 3 s with Fast DDS.
@@ -46,23 +47,6 @@ macro_rules! services {
     )+};
 }
 pub(super) use services;
-
-/// Why a service or its topic could not be opened.
-#[derive(Debug, thiserror::Error)]
-pub enum ServiceError {
-    #[error("service name `{name}`: {problem}; expected an absolute name, as in /stage/reset")]
-    Name { name: String, problem: String },
-    #[error("cannot open `{name}`: {problem}")]
-    Create { name: String, problem: String },
-}
-
-impl ServiceError {
-    /// What the library says when it does not create `name`.
-    pub(super) fn creating<E: std::fmt::Display>(name: &str) -> impl FnOnce(E) -> ServiceError {
-        let name = name.to_owned();
-        move |source| ServiceError::Create { name, problem: source.to_string() }
-    }
-}
 
 /// Opens the service `name` (absolute) and gives back the future that answers its requests, one
 /// after the other.

@@ -16,8 +16,9 @@ use serde::{Deserialize, Serialize};
 use tokio::sync::oneshot;
 
 use super::action::{self, Action, GoalEnd, GoalId, News, Wish};
+use super::control::{Control, Steps, StepsEnd};
+use super::lock::lock;
 use super::participant::Participant;
-use super::runtime::{Control, lock};
 use super::service::{self, services};
 use super::stage_status::StageStatus;
 use super::words::quoted;
@@ -49,24 +50,6 @@ const SPAWNED: u8 = 4;
 const ALWAYS: [u16; 4] = [10, 20, 22, 24];
 /// Setting the state, pausing, one step, several, the action.
 const IN_LOCKSTEP: [u16; 5] = [25, 26, 31, 32, 33];
-
-/// Samples to go on by while time is paused.
-#[derive(Debug)]
-pub struct Steps {
-    pub count: u64,
-    /// Done so far.
-    pub done: Arc<AtomicU64>,
-    pub end: oneshot::Sender<StepsEnd>,
-}
-
-/// How steps ended.
-#[derive(Debug)]
-pub enum StepsEnd {
-    Done,
-    /// By who asked for them, or because time continues by itself.
-    Stopped,
-    Failed(String),
-}
 
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 struct Outcome {

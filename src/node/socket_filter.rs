@@ -33,8 +33,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use rustdds::GUID;
 
 use super::early;
-use super::participant::Reach;
 use super::qos::LARGEST_WINDOW;
+use super::reach::Reach;
 
 /// Samples of this serialised size, in bytes, are not heard in fragments.
 pub const LARGEST_SAMPLE: usize = 1 << 20;

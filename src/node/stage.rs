@@ -8,16 +8,18 @@ use anyhow::Context as _;
 use tokio::sync::oneshot;
 
 use super::clock;
+use super::control::Control;
 use super::help;
 use super::lifecycle::Lifecycle;
 use super::live::{self, LiveFeed, LiveSetup, SharedFollower};
+use super::lock::lock;
 use super::memory_watch;
 use super::outlet::Outlet;
 use super::parameters::ParameterSet;
 use super::participant::Participant;
 use super::qos::DIAGNOSTICS;
 use super::recorder::{Heard, RecordedTopics, Recorder, RecorderHandle, RecorderSetup, TickFeed};
-use super::runtime::{Background, Control, End, Startup, lock};
+use super::runtime::{Background, End, Startup};
 use super::signals::Signals;
 use super::simulation;
 use super::stage_inbox::Inbox;
@@ -123,8 +125,7 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
     }
     let cpu = parameters.integer("cpu");
     startup.pin(cpu)?;
-    let real_time =
-        settings.mode == Mode::Realtime && startup.schedule(parameters.integer("priority"));
+    let real_time = settings.mode == Mode::Realtime && startup.schedule(settings.priority);
     let managed = parameters.boolean("lifecycle");
     let parameters = Arc::new(Mutex::new(parameters));
 
@@ -402,7 +403,7 @@ fn diagnose(
                 header: Header::new(clock::system(), ""),
                 status: vec![diagnostic],
             };
-            recorder.hear(0, || Heard::Diagnostics(message.clone()));
+            recorder.hear(|| Heard::Diagnostics(message.clone()));
             let _ = outlet.publish(message);
         }
     })

@@ -9,11 +9,13 @@ use futures::stream::Stream;
 use ros2_client::ReadError;
 
 use super::commands::{Command, CommandSource, CommandTopic, Refusal};
-use super::inlet::{Inlet, Waiter};
+use super::control::Control;
+use super::inlet::Inlet;
 use super::participant::{Participant, ParticipantError};
 use super::qos::COMMANDS;
 use super::recorder::{Heard, RecorderHandle};
-use super::runtime::{Control, Startup};
+use super::runtime::Startup;
+use super::waiter::Waiter;
 use friction_stage_data::message::{
     Float64MultiArray, JointCommand, JointState, JointTrajectory, WrenchStamped,
 };
@@ -97,7 +99,7 @@ impl Inbox {
                 Ok(message) => {
                     // A setpoint's stamp is when it starts, which may be long after it came: record
                     // it as of now.
-                    self.recorder.hear(0, || Heard::Setpoint(message.clone()));
+                    self.recorder.hear(|| Heard::Setpoint(message.clone()));
                     return Poll::Ready(Event::Setpoint(message));
                 }
                 Err(error) => tracing::warn!("a setpoint could not be read: {error}"),
@@ -107,7 +109,8 @@ impl Inbox {
             return Poll::Ready(match result {
                 Ok((message, writer)) => {
                     let command = Command::from_wrench(&message);
-                    self.recorder.hear(message.header.stamp.to_nanos(), || Heard::Force(message));
+                    // Its stamp is what the peer says: record it as of now.
+                    self.recorder.hear(|| Heard::Force(message));
                     Event::Command(CommandSource { topic: CommandTopic::Force, writer }, command)
                 }
                 Err(error) => Event::Unreadable(CommandTopic::Force, error),
@@ -120,7 +123,7 @@ impl Inbox {
             return Poll::Ready(match result {
                 Ok((message, writer)) => {
                     let command = Command::from_array(&message);
-                    self.recorder.hear(0, || Heard::Commands(message));
+                    self.recorder.hear(|| Heard::Commands(message));
                     Event::Command(CommandSource { topic: CommandTopic::Commands, writer }, command)
                 }
                 Err(error) => Event::Unreadable(CommandTopic::Commands, error),
@@ -152,7 +155,7 @@ impl Inbox {
     fn joint_efforts_from(&self, message: JointState, writer: [u8; 16]) -> Event {
         let command = Command::from_joint_state(&message, &self.joint);
         // Its stamp is not that of the sample that it answers: record it as of now.
-        self.recorder.hear(0, || Heard::JointCommands(message));
+        self.recorder.hear(|| Heard::JointCommands(message));
         Event::Command(CommandSource { topic: CommandTopic::JointCommands, writer }, command)
     }
 }

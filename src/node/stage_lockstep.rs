@@ -18,11 +18,10 @@ use std::time::{Duration, Instant};
 use super::LOCKSTEP_EPOCH as EPOCH;
 use super::clock;
 use super::commands::{Arbiter, Command, CommandSource, CommandTopic, Refusal, StampRule};
-use super::inlet::Waiter;
-use super::runtime::Control;
-use super::simulation::{Steps, StepsEnd};
+use super::control::{Control, Steps, StepsEnd};
 use super::stage::StageLoop;
 use super::stage_inbox::Event;
+use super::waiter::Waiter;
 use super::wire::Tick;
 
 /// Interval at which a sample is sent again to controllers that were not there when it went out.

@@ -11,15 +11,16 @@ use std::time::{Duration, Instant};
 
 use super::clock::{self, Ticks};
 use super::commands::{Arbiter, StampRule};
-use super::inlet::Waiter;
+use super::control::Control;
 use super::live::{LiveFeed, SharedFollower};
+use super::lock::lock;
 use super::recorder::TickFeed;
-use super::runtime::{Control, lock};
 use super::stage::{LiveSettings, StageLoop};
 use super::stage_inbox::{Event, Inbox};
 use super::stage_outlets::StageOutlets;
 use super::stage_settings::{Drive, SERVO_BANDWIDTH, StageSettings};
 use super::stage_status::StageStatus;
+use super::waiter::Waiter;
 use super::wire::{Setpoint, Tick, setpoint};
 use friction_stage_core::control::{
     Controller, ControllerSettings, Follower, Gains, Point, Trajectory,
@@ -88,11 +89,12 @@ impl StageLoop {
         let ticking: JoinHandle<()> = {
             let (status, live, publisher) =
                 (status.clone(), live.clone(), publishing.thread().clone());
-            let servo = servo.clone();
+            let (servo, real_time) = (servo.clone(), settings.priority > 0);
             let work = move || {
                 let mut tick = TickThread {
                     stage,
                     servo,
+                    real_time,
                     epoch,
                     orders: orders_out,
                     waste: waste_in,
@@ -159,6 +161,8 @@ fn moved_mass(settings: &StageSettings) -> f64 {
 struct TickThread {
     stage: Stage,
     servo: Option<(Controller, Box<Follower>)>,
+    /// A real-time priority is asked for.
+    real_time: bool,
     /// System time of sample 0, ns.
     epoch: i64,
     orders: rtrb::Consumer<Order>,
@@ -171,7 +175,7 @@ struct TickThread {
 
 impl TickThread {
     fn run(&mut self) {
-        let fifo = clock::prepare_tick_thread();
+        let fifo = clock::prepare_tick_thread(self.real_time);
         self.status.real_time_scheduling.store(fifo, Ordering::Relaxed);
         let rate = self.stage.rates().control();
         let period = (1e9 / rate) as i64;

@@ -35,6 +35,8 @@ pub struct StageSettings {
     pub mode: Mode,
     pub drive: Drive,
     pub seed: u64,
+    /// Real-time priority that is asked for; 0: none.
+    pub priority: i64,
     pub command_timeout: Duration,
     /// In lockstep, every this many samples one needs an answer.
     pub every: u64,
@@ -267,6 +269,7 @@ impl StageSettings {
             mode: if values.string("mode") == "lockstep" { Mode::Lockstep } else { Mode::Realtime },
             drive: if values.string("drive") == "servo" { Drive::Servo } else { Drive::Force },
             seed: values.integer("seed").unsigned_abs(),
+            priority: values.integer("priority"),
             command_timeout: seconds("command_timeout"),
             every: values.integer("every").unsigned_abs(),
             clock_pause: seconds("clock_pause"),

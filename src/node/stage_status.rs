@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering};
 
 use super::commands::Refusal;
 use super::lateness::LatenessHistogram;
-use super::runtime::lock;
+use super::lock::lock;
 use super::words::{Recent, quoted};
 use friction_stage_core::plant::StageState;
 use friction_stage_data::message::{DiagnosticStatus, KeyValue};

@@ -3,21 +3,22 @@
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-use super::runtime::lock;
+use super::lock::lock;
 
 /// How long diagnostics warn of something that does not happen any more.
 const LASTS: Duration = Duration::from_secs(5);
 /// Most characters of a text from a peer.
 const LONGEST: usize = 200;
 
-/// A text from a peer, safe to print: control characters escaped, cut at 200 characters.
+/// A text from a peer, safe to print: what is no plain character escaped, cut at 200 characters.
 pub fn quoted(text: &str) -> String {
     let mut escaped = text.chars().flat_map(|c| {
-        let plain = !c.is_control();
+        // A quote is printed as it is; control characters and marks of direction are not.
+        let plain = matches!(c, '\'' | '"' | '\\') || c.escape_debug().len() == 1;
         plain
             .then_some(c)
             .into_iter()
-            .chain((!plain).then(|| c.escape_default()).into_iter().flatten())
+            .chain((!plain).then(|| c.escape_debug()).into_iter().flatten())
     });
     let cut: String = escaped.by_ref().take(LONGEST).collect();
     if escaped.next().is_some() { format!("{cut}...") } else { cut }
@@ -52,6 +53,7 @@ mod tests {
         let long = quoted(&"\u{7}".repeat(1000));
         assert_eq!(long.chars().count(), LONGEST + 3);
         assert!(long.ends_with("..."));
-        assert_eq!(quoted("µm"), "µm");
+        assert_eq!(quoted("µm `x` \"y\""), "µm `x` \"y\"");
+        assert_eq!(quoted("a\u{202e}b\u{2028}"), "a\\u{202e}b\\u{2028}");
     }
 }

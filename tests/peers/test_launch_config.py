@@ -3,6 +3,7 @@
 import ast
 import importlib
 import json
+import math
 import os
 import re
 import subprocess
@@ -14,16 +15,21 @@ from pathlib import Path
 
 import pytest
 import yaml
+from control_msgs.msg import JointCommand
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import GetParameters, ListParameters
+from rclpy.clock import Clock, ClockType
+from sensor_msgs.msg import JointState
 
 from conftest import BINARIES
 from ros import TOPICS
+from topic_hardware import COMMANDS, STATES
 
 ROOT = Path(__file__).parents[2]
 FILES = ROOT / "launch_config"
 CARGO = tomllib.loads((ROOT / "Cargo.toml").read_text())
 NODES = {"stage": "stage_node", "controller": "controller_node"}
+AXES = ("x", "y")
 VALUES = {
     ParameterType.PARAMETER_BOOL: "bool_value",
     ParameterType.PARAMETER_INTEGER: "integer_value",
@@ -143,6 +149,71 @@ def test_urdf_and_controllers_fit_the_stage_and_each_other():
     assert loaded == set(of) - {"/**", "stage", "controller_manager"} | {"joint_state_broadcaster"}
 
 
+def gains_of(parameters: dict, joint: str = "stage") -> dict:
+    return {"gains": {"stage": parameters["gains"][joint]}} if "gains" in parameters else {}
+
+
+def test_urdf_and_controllers_of_two_axes_fit_the_stages_and_each_other():
+    robot = ElementTree.parse(FILES / "friction_stage_xy.urdf").getroot()
+    stack = read_yaml("friction_stage_xy_controllers.yaml")
+    of = {node: content["ros__parameters"] for node, content in stack.items()}
+    one = read_yaml("friction_stage_controllers.yaml")
+    joints = {joint.get("name"): joint for joint in robot.findall("joint")}
+    assert tuple(joints) == AXES
+    blocks = robot.findall("ros2_control")
+    assert len({block.get("name") for block in blocks}) == len(blocks) == len(AXES)
+    for axis, block in zip(AXES, blocks, strict=True):
+        assert [joint.get("name") for joint in block.findall("joint")] == [axis]
+        assert {param.get("name"): param.text for param in block.findall("hardware/param")} == {
+            "joint_commands_topic": f"/{axis}/stage/joint_commands",
+            "joint_states_topic": f"/{axis}/stage/encoder",
+            "trigger_joint_command_threshold": "-1.0",
+        }
+        moving = joints[axis].find("child").get("link")
+        assert of[f"/{axis}/stage"] == {"joint": axis, "frame_id": moving}
+    assert of["/**/stage"]["control_rate"] <= of["controller_manager"]["update_rate"]
+    # No /clock without a node that publishes it.
+    assert not any("use_sim_time" in given for given in of.values())
+    joints_of = {"joint_trajectory_controller": "joints", "forward_command_controller": "joints"}
+    for name, key in (joints_of | {"pid_controller": "dof_names"}).items():
+        assert of[name][key] == list(AXES)
+        alone = one[name]["ros__parameters"]
+        assert of[name] | {key: ["stage"]} | gains_of(alone) == alone
+        for axis in AXES:
+            assert gains_of(of[name], axis) == gains_of(alone)
+
+
+@pytest.mark.parametrize("topic", ["joint_commands", "joint_commands/effort"])
+def test_stages_take_their_own_joint_of_commands_for_both(topic, start, ros):
+    """As one hardware component for both axes sends them, on one topic."""
+    samples: dict[str, list[JointState]] = {axis: [] for axis in AXES}
+    for axis in AXES:
+        own = ("-r", f"__ns:=/{axis}", "-r", f"~/{topic}:=/{topic}")
+        file = str(FILES / "friction_stage_xy_controllers.yaml")
+        start("stage_node", "--ros-args", *own, "--params-file", file)
+        encoder = f"/{axis}/stage/encoder"
+        ros.node.create_subscription(JointState, encoder, samples[axis].append, STATES)
+    kind = JointState if topic == "joint_commands" else JointCommand
+    publisher = ros.node.create_publisher(kind, f"/{topic}", COMMANDS)
+    ros.until(lambda: publisher.get_subscription_count() == len(AXES), "both stages")
+    forces = [300.0, -300.0]
+
+    def moved() -> bool:
+        if kind is JointState:
+            command = JointState(name=list(AXES), effort=forces)
+        else:
+            command = JointCommand(joint_names=list(AXES), interface_name="effort", values=forces)
+        command.header.stamp = Clock(clock_type=ClockType.SYSTEM_TIME).now().to_msg()
+        publisher.publish(command)
+        return all(heard and abs(heard[-1].position[0]) > 1e-3 for heard in samples.values())
+
+    ros.until(moved, "both axes in motion")
+    for axis, force in zip(AXES, forces, strict=True):
+        sample = samples[axis][-1]
+        assert sample.name == [axis] and sample.header.frame_id == f"carriage_{axis}"
+        assert math.copysign(1.0, sample.position[0]) == math.copysign(1.0, force)
+
+
 # --- layouts
 
 
@@ -239,23 +310,67 @@ def test_launch_file_names_programs_and_files_that_exist(file):
         assert (FILES / name).is_file(), name
 
 
-@pytest.mark.parametrize("file", LAUNCH_FILES, ids=lambda file: file.name)
-def test_launch_describes_it(file):
-    """With the launch of a ROS installation; no wheels of it exist."""
+def described(file: Path):
+    """The description of a launch file, and a context, with the launch of a ROS installation."""
     reason = "needs the launch of a ROS installation: no wheels of it exist"
     launch = pytest.importorskip("launch", reason=reason, exc_type=ImportError)
     pytest.importorskip("launch_ros", reason=reason, exc_type=ImportError)
     from launch.launch_description_sources import PythonLaunchDescriptionSource
 
-    description = PythonLaunchDescriptionSource(str(file)).get_launch_description(
-        launch.LaunchContext()
-    )
+    context = launch.LaunchContext()
+    return PythonLaunchDescriptionSource(str(file)).get_launch_description(context), context
+
+
+@pytest.mark.parametrize("file", LAUNCH_FILES, ids=lambda file: file.name)
+def test_launch_describes_it(file):
+    description, _ = described(file)
     names = [argument.name for argument in description.get_launch_arguments()]
-    if file.name == "friction_stage_xy.launch.py":
-        wanted = {"model_x", "model_y", "controller_x", "controller_y", "record"}
-    else:
-        wanted = {"model", "mode", "drive", "record", "params_file"}
+    wanted = set()
+    if "_xy" in file.name:
+        wanted |= {"model_x", "model_y", "controller_x", "controller_y", "record"}
+        wanted |= {"params_file", "controller_node"}
+    elif "controller_manager" not in file.name:
+        wanted |= {"model", "mode", "drive", "record", "params_file"}
+    if "ros2_control" in file.name:
+        wanted |= {"controller", "robot_state_publisher"}
     assert wanted <= set(names)
+
+
+def programs_of(name: str, **arguments: str) -> list[str]:
+    """The programs that a launch file starts, each with its namespace and the name of its node."""
+    description, context = described(FILES / name)
+    from launch_ros.actions import Node
+
+    context.launch_configurations.update(arguments)
+    found, entities = [], [description]
+    while entities:
+        entity = entities.pop(0)
+        if not isinstance(entity, Node):
+            entities = [*(entity.visit(context) or []), *entities]
+        elif entity.condition is None or entity.condition.evaluate(context):
+            found.append(entity.node_executable)
+    return found
+
+
+STACK = ["robot_state_publisher", "ros2_control_node", "spawner"]
+
+
+@pytest.mark.parametrize(
+    ("name", "stages"),
+    [
+        ("friction_stage_ros2_control.launch.py", ["stage_node"]),
+        ("friction_stage_xy_ros2_control.launch.py", ["stage_node", "stage_node"]),
+    ],
+)
+def test_robot_state_publisher_can_be_left_out(name, stages):
+    assert programs_of(name) == STACK + stages
+    assert programs_of(name, robot_state_publisher="false") == STACK[1:] + stages
+
+
+def test_two_axes_have_a_controller_node_each_unless_it_is_left_out():
+    both = ["stage_node", "controller_node"] * 2
+    assert programs_of("friction_stage_xy.launch.py") == both
+    assert programs_of("friction_stage_xy.launch.py", controller_node="false") == both[::2]
 
 
 # --- the package

@@ -35,7 +35,7 @@ const FAITHFUL: f64 = 0.01;
 const LONGEST_BRIDGED: usize = 3;
 
 /// Why there is no closed-loop position error. The message of each variant says what it is.
-#[allow(missing_docs)]
+#[expect(missing_docs, reason = "the message of each says what its fields are")]
 #[derive(Debug, thiserror::Error)]
 pub enum ClosedLoopError {
     #[error("there is no setpoint")]

@@ -3,7 +3,7 @@
 use friction_stage_core::model::ModelError;
 
 /// Why a recording cannot be identified on. The message of each variant says what it is.
-#[allow(missing_docs)]
+#[expect(missing_docs, reason = "the message of each says what its fields are")]
 #[derive(Debug, thiserror::Error)]
 pub enum IdentifyError {
     #[error("{name} has {samples} samples that can be used, at least {least} are needed")]

@@ -21,12 +21,17 @@ pub struct Application {
     /// Number of guides, all of one type.
     #[serde(default = "guides")]
     pub guides: usize,
+    /// Move that is judged, with what comes before it.
     pub motion: ApplicationMotion,
+    /// PID and motor of the stage; those of [`Loop::default`] where not given.
     #[serde(default)]
     pub controller: Loop,
+    /// Largest error and latest settling that are allowed.
     pub requirement: Requirement,
+    /// How the guide must be built; every guide may be used where not given.
     #[serde(default)]
     pub constraints: Constraints,
+    /// Spread of the guide parameters; none where not given.
     #[serde(default)]
     pub tolerances: GuideTolerances,
 }
@@ -49,6 +54,7 @@ pub struct ApplicationMotion {
     /// Move back again after that, judged alike.
     #[serde(default, rename = "return")]
     pub and_return: bool,
+    /// Move and rest before it; those of [`Conditioning::default`] where not given.
     #[serde(default)]
     pub conditioning: Conditioning,
 }
@@ -83,6 +89,7 @@ pub struct Requirement {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Constraints {
+    /// Whether only guides with seals may be used.
     pub sealing: Sealing,
     /// Lubricants that may be used; every one if absent.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -111,11 +118,17 @@ pub enum Sealing {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct GuideTolerances {
+    /// Spread of the bristle stiffness sigma0, relative.
     pub stiffness: f64,
+    /// Spread of the bristle damping sigma1, relative.
     pub bristle_damping: f64,
+    /// Spread of the viscous friction sigma2, relative.
     pub viscous_friction: f64,
+    /// Spread of the ratio Fc/Fs, relative.
     pub coulomb_force: f64,
+    /// Spread of the static friction Fs, relative.
     pub static_force: f64,
+    /// Spread of the Stribeck velocity vs, relative.
     pub stribeck_velocity: f64,
     /// All guides of a stage have the same parameters, as when they come from one batch.
     pub together: bool,
@@ -124,23 +137,48 @@ pub struct GuideTolerances {
 /// An application that cannot be read or cannot be.
 #[derive(Debug, PartialEq, thiserror::Error)]
 pub enum ApplicationError {
+    /// Text that is no application.
     #[error("{origin}: {message}")]
-    Yaml { origin: String, message: String },
+    Yaml {
+        /// Name of the text.
+        origin: String,
+        /// What is wrong in it, in words.
+        message: String,
+    },
+    /// A value out of its range.
     #[error("{origin}: {key} is {value}, must {limit}")]
-    Value { origin: String, key: &'static str, value: f64, limit: String },
+    Value {
+        /// Name of the text.
+        origin: String,
+        /// Dotted path of the key, such as `motion.settle`.
+        key: &'static str,
+        /// The value as given, SI units.
+        value: f64,
+        /// Its range, in words after "must".
+        limit: String,
+    },
+    /// A move that needs more force than the motor has.
     #[error(
         "{origin}: {the_move} of {distance} m in {duration} s needs {needed:.0} N to accelerate \
          {mass} kg, the motor has {limit} N (controller.force_limit): at least {slowest:.4} s \
          would do"
     )]
     Motor {
+        /// Name of the text.
         origin: String,
+        /// Which of the moves, in words.
         the_move: &'static str,
+        /// Way of the move, m.
         distance: f64,
+        /// Time of the move, s.
         duration: f64,
+        /// Peak force to accelerate the mass, N.
         needed: f64,
+        /// Moving mass, kg.
         mass: f64,
+        /// Largest force of the motor, N.
         limit: f64,
+        /// Shortest time for which that limit is enough, friction left out, s.
         slowest: f64,
     },
 }

@@ -50,9 +50,13 @@ pub struct CompensationTrial {
     pub known: StageModel,
     /// The stage as it is.
     pub real: StageModel,
+    /// Controller without the compensation.
     pub settings: ControllerSettings,
+    /// Motion of both runs.
     pub points: Vec<Point>,
+    /// Terms that the compensation has.
     pub on: CompensationTermsOn,
+    /// Seed of the sensor noise, the same in both runs.
     pub seed: u64,
 }
 

@@ -82,7 +82,9 @@ pub struct HysteresisLoop {
 /// Loops over amplitude, ascending.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DahlCurves {
+    /// Name of the specimen.
     pub name: String,
+    /// Measured loops of one guide.
     pub loops: Vec<HysteresisLoop>,
     /// What the loops say of the stage, one per loop.
     pub resonances: Vec<DahlResonance>,

@@ -16,8 +16,9 @@ pub type StiffnessAt = (f64, f64);
 pub struct DistributedFit {
     /// Sum of the elements' stiffnesses, N/m: sigma0 of the guide.
     pub stiffness: f64,
-    /// Parts of stiffness and of static friction, as the effect's parameters.
+    /// Part of the stiffness in each element, sum 1: parameters of the effect.
     pub stiffness_shares: [f64; 3],
+    /// Part of the static friction in each element, sum 1: parameters of the effect.
     pub strength_shares: [f64; 3],
     /// N
     pub static_force: f64,
@@ -32,7 +33,9 @@ pub struct DistributedFit {
     of[0].1, of[0].0, of[1].1, of[1].0, of[2].1, of[2].0
 )]
 pub struct NoDistributedFit {
+    /// Stiffnesses that were to be met, at ascending amplitudes.
     pub of: [StiffnessAt; 3],
+    /// Static friction that was to be met, N.
     pub static_force: f64,
 }
 

@@ -28,13 +28,21 @@ use friction_stage_core::model::{Catalogue, StageModel};
 /// The experiments.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Experiment {
+    /// Friction over constant velocity, on the rig.
     Stribeck,
+    /// Hysteresis loops at several amplitudes, on the rig.
     Dahl,
+    /// Stage under a sinusoidal force of several amplitudes.
     FrequencyResponse,
+    /// The paper's move of 50 mm in 100 ms, on the stage.
     FastMove,
+    /// The paper's steps of 10 µm in 3 ms, on the stage.
     FineStep,
+    /// Limit cycles under integral action at rest, on the stage.
     Hunting,
+    /// Biases of the rig against closed forms.
     Rig,
+    /// All of these, with the statements of the paper.
     Paper,
 }
 
@@ -113,8 +121,11 @@ impl Experiment {
 /// What to measure, on what.
 #[derive(Clone, Debug)]
 pub struct ExperimentPlan {
+    /// What is measured.
     pub experiment: Experiment,
+    /// What it is measured on, each with a name of its own.
     pub specimens: Vec<Specimen>,
+    /// Noise seed and rates of every run.
     pub settings: Settings,
     /// Rest before the fast move and the fine step, s.
     pub rest: f64,
@@ -128,7 +139,9 @@ pub struct ExperimentPlan {
 /// The way (m) and time (s) of a move.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct OwnMove {
+    /// Way of the move, m, above 0.
     pub distance: f64,
+    /// Time from start to arrival, s.
     pub duration: f64,
 }
 
@@ -168,6 +181,7 @@ pub type SavePart<'a, E> =
 /// What an experiment found.
 #[derive(Debug)]
 pub struct ExperimentFindings {
+    /// Everything measured, by experiment.
     pub results: ExperimentResults,
     /// Of `paper`, where its specimens are there.
     pub statements: Vec<Statement>,

@@ -14,14 +14,18 @@ pub const WAVE: (f64, f64) = (0.025, 0.150);
 /// One guide type in the fast move, with or without viscous feedforward.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FastMove {
+    /// Name of the specimen.
     pub name: String,
     /// N s/m
     pub viscous_feedforward: f64,
+    /// Move forward, after the return move and the rest.
     pub forward: MoveResult,
+    /// Move back after it.
     #[serde(rename = "return")]
     pub return_move: MoveResult,
-    /// Largest |error| between [`WAVE`]'s ends, forward move, m, and its rms.
+    /// Largest |error| between [`WAVE`]'s ends, forward move, m.
     pub wave_peak: f64,
+    /// Rms of the error between [`WAVE`]'s ends, forward move, m.
     pub wave_rms: f64,
     /// Settling times of the forward move into finer steps of the band: (band in m, time in s).
     pub settling_over_band: Vec<(f64, Option<f64>)>,

@@ -16,6 +16,7 @@ pub const STEPS: usize = 5;
 /// One guide type in the fine steps.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FineStep {
+    /// Name of the specimen.
     pub name: String,
     /// N s/m
     pub viscous_feedforward: f64,

@@ -31,7 +31,9 @@ const PARTS: usize = 5;
 /// The responses of one stage.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FrequencyResponse {
+    /// Name of the specimen.
     pub name: String,
+    /// Responses at ascending force amplitudes.
     pub levels: Vec<ResponseLevel>,
     /// kg, from the dynamic stiffness at the highest frequencies and the largest force, where noise
     /// matters least.
@@ -43,11 +45,13 @@ pub struct FrequencyResponse {
 pub struct ResponseLevel {
     /// N
     pub force: f64,
+    /// Response at ascending frequencies.
     pub points: Vec<ResponsePoint>,
     /// Where the dynamic stiffness has no real part; `None` where the stage has no spring left.
     pub resonance: Option<Resonance>,
 }
 
+/// The response at one frequency.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ResponsePoint {
     /// Hz
@@ -63,6 +67,7 @@ pub struct ResponsePoint {
     pub coherence: f64,
 }
 
+/// Where the springs of the guides and the mass cancel: the dynamic stiffness has no real part.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Resonance {
     /// Hz

@@ -46,20 +46,27 @@ impl From<&Recording> for RigRecord {
 /// A parameter with its 95 % confidence interval.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Fitted {
+    /// Estimate, in the unit of the parameter.
     pub value: f64,
+    /// Lower and upper end of its 95 % interval.
     pub ci95: [f64; 2],
 }
 
 /// A guide as the recordings show it. SI units, names as in [`Guide`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct GuideFit {
+    /// Bristle stiffness sigma0, N/m.
     pub stiffness: Fitted,
+    /// Bristle damping sigma1, N s/m.
     pub bristle_damping: Fitted,
+    /// Viscous friction sigma2, N s/m.
     pub viscous_friction: Fitted,
+    /// Coulomb friction Fc, N.
     pub coulomb_force: Fitted,
+    /// Static friction Fs, N.
     pub static_force: Fitted,
-    /// `None` where the friction level does not fall with velocity: then static and Coulomb force
-    /// are one.
+    /// Stribeck velocity vs, m/s; `None` where the friction level does not fall with velocity: then
+    /// static and Coulomb force are one.
     pub stribeck_velocity: Option<Fitted>,
     /// What the force cell reads without force, N.
     pub offset: Fitted,
@@ -67,10 +74,11 @@ pub struct GuideFit {
     pub windows: usize,
     /// Rows of the loops.
     pub rows: usize,
-    /// Rms of what the model leaves of the loops' force, N, and of the noise of the force cell,
-    /// from its differences.
+    /// Rms of what the model leaves of the loops' force, N.
     pub force_rms: f64,
+    /// Rms of the noise of the force cell, from its differences, N.
     pub noise_rms: f64,
+    /// What a user should know, in sentences.
     pub warnings: Vec<String>,
 }
 
@@ -79,8 +87,11 @@ pub struct GuideFit {
 pub struct GuideConstruction {
     /// What the guide is, in words.
     pub description: String,
+    /// Whether it has seals.
     pub seals: bool,
+    /// Whether its balls are in a cage.
     pub cage: bool,
+    /// Name of its lubricant.
     pub lubricant: String,
 }
 
@@ -99,24 +110,54 @@ impl Default for GuideConstruction {
 /// Recordings from which no guide can be fitted.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum GuideFitError {
+    /// A recording with too few rows.
     #[error(
         "the {record} recording has {rows} rows with position and force, at least {needed} are \
          needed"
     )]
-    TooShort { record: &'static str, rows: usize, needed: usize },
+    TooShort {
+        /// Which recording: `Stribeck` or `Dahl`.
+        record: &'static str,
+        /// Rows with position and force.
+        rows: usize,
+        /// Fewest rows for a fit.
+        needed: usize,
+    },
+    /// A recording with uneven steps of time, or with a hole.
     #[error(
         "the {record} recording is not evenly sampled: a step of {step:.3e} s at {time:.4} s, \
          usually {usual:.3e} s"
     )]
-    Uneven { record: &'static str, step: f64, time: f64, usual: f64 },
+    Uneven {
+        /// Which recording: `Stribeck` or `Dahl`.
+        record: &'static str,
+        /// The step that differs, s; NaN at a hole.
+        step: f64,
+        /// Time at its beginning, s.
+        time: f64,
+        /// Mean step of the recording, s.
+        usual: f64,
+    },
+    /// Too few runs at constant velocity in one direction.
     #[error(
         "the Stribeck recording has {windows} runs at constant velocity (of at least {needed}): {} \
          needed in each direction",
         needed / 2
     )]
-    Windows { windows: usize, needed: usize },
+    Windows {
+        /// Runs that were found, in both directions.
+        windows: usize,
+        /// Fewest runs for a fit, half of them in each direction.
+        needed: usize,
+    },
+    /// A step of the fit without a result.
     #[error("the {step} step: {source}")]
-    Search { step: &'static str, source: FitError },
+    Search {
+        /// Which step: `static`, `presliding` or `joint`.
+        step: &'static str,
+        /// Why the search has none.
+        source: FitError,
+    },
 }
 
 /// Half width of the local cubic that smooths the position, s. Assumed: well below the rise time of

@@ -51,6 +51,7 @@ pub struct HuntingResult {
     pub points: Vec<(f64, f64)>,
 }
 
+/// A periodic motion around the target that does not die away.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LimitCycle {
     /// Half of peak to peak, m.

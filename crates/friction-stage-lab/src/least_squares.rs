@@ -8,24 +8,35 @@ use friction_stage_core::numerics::least_squares::{Budget, Descent, Evaluation, 
 /// Where the search ended.
 #[derive(Clone, Debug)]
 pub struct Minimum {
+    /// Values at the minimum, in the order of the start.
     pub parameters: Vec<f64>,
     /// Sum of the squared residuals.
     pub cost: f64,
     /// Inverse of J'J at the minimum: times the variance of a residual, the covariance of the
     /// parameters.
     pub covariance: DMatrix<f64>,
+    /// Residuals at the minimum, in the order of the function.
     pub residuals: Vec<f64>,
 }
 
 /// A search without a result.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum FitError {
+    /// Residuals that are not finite where the search begins.
     #[error("the residuals are not finite at the start of the search")]
     Start,
+    /// Data that leave some parameter open.
     #[error("the data do not determine all {parameters} parameters (J'J is singular)")]
-    Singular { parameters: usize },
+    Singular {
+        /// Number of parameters.
+        parameters: usize,
+    },
+    /// A search without convergence.
     #[error("the search did not end within {iterations} iterations")]
-    Unfinished { iterations: usize },
+    Unfinished {
+        /// Most iterations of a search.
+        iterations: usize,
+    },
 }
 
 /// Assumed: searches that start near end within twenty sets of derivatives.

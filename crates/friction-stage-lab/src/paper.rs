@@ -56,8 +56,11 @@ impl Default for Conditioning {
 pub enum MoveKind {
     /// The return move before everything else, as the paper conditions its guides.
     Conditioning,
+    /// First half of the fast move, forward: 50 mm in 100 ms in the paper.
     FastForward,
+    /// Second half of the fast move: back to its start in the same time.
     FastReturn,
+    /// One of the fine steps, forward: 10 µm in 3 ms in the paper.
     FineStep,
     /// A move that an application asks for.
     Application,
@@ -66,6 +69,7 @@ pub enum MoveKind {
 /// One move within a motion; times in ns after the motion's start.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Move {
+    /// What the move is for.
     pub kind: MoveKind,
     /// First instant of the move.
     pub start: i64,
@@ -83,7 +87,9 @@ pub struct Move {
 /// zero end velocities and accelerations is assumed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PaperMotion {
+    /// Points of the trajectory, the first at rest at 0 m.
     pub points: Vec<Point>,
+    /// The moves in their order.
     pub moves: Vec<Move>,
 }
 
@@ -106,8 +112,11 @@ impl MoveKind {
 pub struct MoveError {
     /// Number of the move, from 0.
     pub index: usize,
+    /// What is out of range: `lead`, `distance`, `duration` or `rest`.
     pub quantity: &'static str,
+    /// Its value as given, m for a distance, else s.
     pub value: f64,
+    /// Its range, in words after "must be".
     pub limit: &'static str,
 }
 

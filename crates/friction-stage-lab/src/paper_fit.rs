@@ -57,6 +57,7 @@ pub struct PaperDatum {
     pub section: &'static str,
     /// What it says, with the unit.
     pub what: &'static str,
+    /// How it enters the objective.
     pub kind: DatumKind,
     /// What the fitted guides have.
     pub found: f64,
@@ -162,7 +163,9 @@ impl ElementGuide {
 /// The fitted guides 1, 2 and 3 with what they were fitted to.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PaperFit {
+    /// Guides 1, 2 and 3 in this order.
     pub guides: [ElementGuide; 3],
+    /// Each datum with how it is met.
     pub data: Vec<PaperDatum>,
     /// Sum of the squared residuals.
     pub objective: f64,
@@ -171,8 +174,10 @@ pub struct PaperFit {
 /// A fit without a result.
 #[derive(Debug, thiserror::Error)]
 pub enum PaperFitError {
+    /// A guide or a move that cannot be simulated.
     #[error(transparent)]
     Lab(#[from] LabError),
+    /// A search without a minimum.
     #[error(transparent)]
     Search(#[from] FitError),
 }

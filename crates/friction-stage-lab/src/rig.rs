@@ -35,7 +35,9 @@ const SPEEDS: [f64; 3] = [3e-3, 0.2, 0.5];
 pub struct RigBias {
     /// What was changed: `coupling`, `noise`, `travel`, `servo`.
     pub property: Cow<'static, str>,
+    /// Setting of the property, in `unit`.
     pub value: f64,
+    /// Unit of `value`: `times the guide`, `N`, `s` or `Hz`.
     pub unit: Cow<'static, str>,
     /// Stiffness at 1 µm against Fs tanh(sigma0 A/Fs)/A, summed over the bristles, with the encoder
     /// at the guide.
@@ -46,9 +48,9 @@ pub struct RigBias {
     pub stiffness_bias_at_motor: f64,
     /// Area of the 1 µm loop against its closed form.
     pub area_bias: f64,
-    /// Friction at 3 mm/s against g(v) + sigma2 v, and the scatter of the cell there, N. `None`
-    /// where not measured.
+    /// Friction at 3 mm/s against g(v) + sigma2 v; `None` where not measured.
     pub friction_bias: Option<f64>,
+    /// Scatter of the force cell at 3 mm/s, N; `None` where not measured.
     pub ripple: Option<f64>,
 }
 

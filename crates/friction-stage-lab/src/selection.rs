@@ -21,7 +21,9 @@ use friction_stage_core::numerics::TWO_SIDED_95;
 /// A guide that stands for selection.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Candidate {
+    /// Name in the database.
     pub name: String,
+    /// Nominal parameters.
     pub guide: Guide,
     /// Why it cannot be used, whatever it reaches.
     pub obstacle: Option<String>,
@@ -31,8 +33,11 @@ pub struct Candidate {
 /// `j % guides`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SelectionPlan {
+    /// What the stage is to do.
     pub application: Application,
+    /// Guides to compare, in the order in which they get jobs.
     pub candidates: Vec<Candidate>,
+    /// Seed of draws and noise.
     pub seed: u64,
     /// Variants over all guides, dealt to them in turn.
     pub variants: u64,
@@ -41,21 +46,39 @@ pub struct SelectionPlan {
 /// Part `index` of `count`, counted from 1: a stretch of the jobs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Shard {
+    /// Which part, 1 to `count`.
     pub index: u64,
+    /// Number of parts, at least 1.
     pub count: u64,
 }
 
 /// A selection that cannot be made.
 #[derive(Debug, thiserror::Error)]
 pub enum SelectionError {
+    /// A database without guides.
     #[error("there is no guide to choose from: the database is empty")]
     NoGuides,
+    /// Constraints that exclude every guide.
     #[error("no guide can be used: {obstacles}")]
-    NothingAllowed { obstacles: String },
+    NothingAllowed {
+        /// Each guide with what excludes it, in words.
+        obstacles: String,
+    },
+    /// Fewer variants than guides.
     #[error("{variants} variants are too few for {guides} guides: at least one for each")]
-    TooFewVariants { variants: u64, guides: usize },
+    TooFewVariants {
+        /// Variants over all guides, as given.
+        variants: u64,
+        /// Number of guides.
+        guides: usize,
+    },
+    /// Text that is no shard.
     #[error("`{text}` is no shard: give it as i/n with i from 1 to n, such as 2/8")]
-    Shard { text: String },
+    Shard {
+        /// The text as given.
+        text: String,
+    },
+    /// A variant that cannot be simulated.
     #[error(transparent)]
     Variant(#[from] VariantError),
 }
@@ -64,20 +87,28 @@ pub enum SelectionError {
 /// settled.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Quantiles {
+    /// 5 % are below.
     pub q05: f64,
+    /// Median.
     pub q50: f64,
+    /// 95 % are below.
     pub q95: f64,
 }
 
 /// Counters of one guide. A fixed size whatever the number of variants.
 #[derive(Clone, Debug)]
 pub struct Tally {
+    /// Variants that were counted.
     pub variants: u64,
     /// Variants that met peak error and settling time without reaching the motor's limit.
     pub met: u64,
+    /// Variants with a larger peak error than required.
     pub peak_too_large: u64,
+    /// Variants that settled later than required or not while watched.
     pub settled_too_late: u64,
+    /// Variants that did not settle while watched.
     pub never_settled: u64,
+    /// Variants whose motor came to its limit.
     pub saturated: u64,
     /// pm
     peak_error: Histogram<u64>,
@@ -88,20 +119,26 @@ pub struct Tally {
 /// One row of the ranking.
 #[derive(Clone, Debug, Serialize)]
 pub struct Ranked {
+    /// Place in the ranking, from 1 on.
     pub rank: usize,
+    /// Name of the guide.
     pub guide: String,
     /// Why it cannot be used, whatever it reaches.
     pub obstacle: Option<String>,
+    /// Variants that were computed.
     pub variants: u64,
     /// Share of the variants that meet the requirement, with its 95 % interval (Wilson, JASA 22,
     /// 1927).
     pub chance: f64,
+    /// 95 % interval of the chance to meet the requirement.
     pub chance_ci95: [f64; 2],
     /// m
     pub peak_error: Quantiles,
     /// s; `null` in JSON where it never settles.
     pub settling_time: Quantiles,
+    /// Variants that did not settle.
     pub never_settled: u64,
+    /// Variants whose motor came to its limit.
     pub saturated: u64,
     /// Why it is not the one to take; empty for the chosen one.
     pub reasons: Vec<String>,
@@ -110,13 +147,17 @@ pub struct Ranked {
 /// The answer.
 #[derive(Clone, Debug, Serialize)]
 pub struct GuideSelection {
+    /// Version of the format.
     pub schema_version: u32,
+    /// Name of the application.
     pub application: String,
+    /// Seed of draws and noise.
     pub seed: u64,
     /// Variants in the result, over all guides.
     pub variants: u64,
     /// The guide to take, if one meets the requirement in some variant.
     pub choice: Option<String>,
+    /// The guides, the best first.
     pub ranking: Vec<Ranked>,
     /// What a script must notice: the choice is not a safe one.
     pub warnings: Vec<String>,
@@ -569,6 +610,7 @@ impl Tally {
         self.settling_time.value_at_quantile((quantile / settled).min(1.0)) as f64 * 1e-9
     }
 
+    /// Quantiles of the peak error, m.
     pub fn peak_error(&self) -> Quantiles {
         Quantiles {
             q05: self.peak_error_at(0.05),
@@ -577,6 +619,7 @@ impl Tally {
         }
     }
 
+    /// Quantiles of the settling time, s; infinite among those that never settled.
     pub fn settling_time(&self) -> Quantiles {
         Quantiles {
             q05: self.settling_time_at(0.05),

@@ -44,26 +44,43 @@ pub struct Specimen {
 /// Seed of the sensor noise and rates of an experiment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
+    /// Seed of the sensor noise.
     pub seed: u64,
+    /// Rates of controller and simulation, Hz.
     pub rates: Rates,
 }
 
 /// An experiment that cannot be run or whose signals cannot be reduced.
 #[derive(Debug, thiserror::Error)]
 pub enum LabError {
+    /// A model that cannot be.
     #[error(transparent)]
     Model(#[from] ModelError),
+    /// A controller that cannot be.
     #[error(transparent)]
     Controller(#[from] ControllerError),
+    /// A motion that cannot be.
     #[error(transparent)]
     Trajectory(#[from] TrajectoryError),
+    /// Stiffnesses that no three bristles meet.
     #[error(transparent)]
     Distributed(#[from] NoDistributedFit),
+    /// A run in which the motor was at its limit.
     #[error(
         "{experiment} on {specimen} needs more force than the motor has ({limit} N) in {samples} \
          samples: raise motor.force_limit or use a lighter stage"
     )]
-    MotorLimit { experiment: &'static str, specimen: String, limit: f64, samples: u64 },
+    MotorLimit {
+        /// Name of the experiment.
+        experiment: &'static str,
+        /// Name of the specimen.
+        specimen: String,
+        /// Largest force of the motor, N.
+        limit: f64,
+        /// Samples at the limit.
+        samples: u64,
+    },
+    /// A move that needs more force than the motor has.
     #[error(
         "{experiment} on {specimen}: {the_move} of {} mm in {} ms needs {needed:.0} N to \
          accelerate {mass} kg, and the friction on top; the motor has {limit} N \
@@ -71,37 +88,78 @@ pub enum LabError {
         distance * 1e3, duration * 1e3, slowest * 1e3
     )]
     MoveForce {
+        /// Name of the experiment.
         experiment: &'static str,
+        /// Name of the specimen.
         specimen: String,
+        /// Which of the moves, in words.
         the_move: &'static str,
+        /// Way of the move, m.
         distance: f64,
+        /// Time of the move, s.
         duration: f64,
+        /// Peak force to accelerate the mass, N.
         needed: f64,
+        /// Moving mass, kg.
         mass: f64,
+        /// Largest force of the motor, N.
         limit: f64,
+        /// Shortest time for which that limit is enough, friction left out, s.
         slowest: f64,
     },
+    /// A guide without parallel bristles in the catalogue.
     #[error("{guide} has no distributed bristles in the catalogue")]
-    NoDistributedBristles { guide: String },
+    NoDistributedBristles {
+        /// Name of the guide.
+        guide: String,
+    },
+    /// A value out of its range.
     #[error("{value} must be {limit}")]
-    Limit { value: f64, limit: &'static str },
+    Limit {
+        /// The value as given, SI units.
+        value: f64,
+        /// Its range, in words after "must be".
+        limit: &'static str,
+    },
+    /// A move of one's own for an experiment that makes no such move.
     #[error(
         "distance, duration, mass and bandwidth are for fast-move and fine-step, not for \
          {experiment}"
     )]
-    NoMove { experiment: &'static str },
+    NoMove {
+        /// Name of the experiment.
+        experiment: &'static str,
+    },
+    /// Amplitudes for an experiment without loops.
     #[error("amplitudes are for the loops of dahl, not for {experiment}")]
-    NoLoops { experiment: &'static str },
+    NoLoops {
+        /// Name of the experiment.
+        experiment: &'static str,
+    },
+    /// Two specimens of one name.
     #[error("two of the guides and models are called `{name}`: give each a name of its own")]
-    SameName { name: String },
+    SameName {
+        /// The name that both have.
+        name: String,
+    },
+    /// Signals that cannot be reduced.
     #[error("{experiment} on {specimen}: {what}")]
-    Signal { experiment: &'static str, specimen: String, what: String },
+    Signal {
+        /// Name of the experiment.
+        experiment: &'static str,
+        /// Name of the specimen.
+        specimen: String,
+        /// What is wrong with them, in words.
+        what: String,
+    },
 }
 
 /// One sample with the force that answers it; `terms` where a controller made that force.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Row {
+    /// What the sensors read.
     pub sample: Sample,
+    /// Parts of the force; `None` where no controller made it.
     pub terms: Option<Terms>,
     /// N, held until the next sample.
     pub force: f64,
@@ -110,17 +168,23 @@ pub struct Row {
 /// A run from its first sample on: enough to write a bag that repeats it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LabRecording {
+    /// Name of the run, fit for a path.
     pub name: String,
+    /// The stage or rig that ran.
     pub model: StageModel,
+    /// Noise seed and rates of the run.
     pub settings: Settings,
+    /// The samples in their order.
     pub rows: Vec<Row>,
 }
 
 /// A value with its standard error.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MeasuredValue {
+    /// Estimate, in the unit of the quantity; NaN (`null` in JSON) without samples.
     #[serde(deserialize_with = "number")]
     pub value: f64,
+    /// Standard deviation of the estimate, in its unit; NaN (`null` in JSON) where unknown.
     #[serde(deserialize_with = "number")]
     pub standard_error: f64,
 }
@@ -325,6 +389,7 @@ pub fn closed_loop(
 }
 
 impl Row {
+    /// The sample of a cycle with the force that its controller made.
     pub fn of(cycle: &friction_stage_core::Cycle) -> Row {
         Row { sample: cycle.sample, terms: Some(cycle.terms), force: cycle.terms.output }
     }

@@ -19,9 +19,11 @@ use super::stribeck::StribeckCurve;
 pub struct Statement {
     /// Section of the paper.
     pub section: &'static str,
+    /// What the paper says, with the limit that it is held to.
     pub paper: &'static str,
     /// What the stage shows, in figures.
     pub stage: String,
+    /// Whether the figures are within that limit.
     pub holds: bool,
     /// Why it does not hold, where the reason is known.
     pub reason: Option<&'static str>,
@@ -32,15 +34,21 @@ pub struct Statement {
 pub struct PaperResults<'a> {
     /// What the guides are: `lugre` or `lugre + distributed_bristles`.
     pub model: &'static str,
+    /// Friction over constant velocity.
     pub stribeck: [&'a StribeckCurve; 3],
+    /// Hysteresis loops.
     pub dahl: [&'a DahlCurves; 3],
     /// Guide 1 with distributed bristles.
     pub distributed: &'a DahlCurves,
+    /// Stage under a sinusoidal force.
     pub response: [&'a FrequencyResponse; 3],
+    /// Fast move without viscous feedforward.
     pub fast: [&'a FastMove; 3],
     /// With viscous feedforward.
     pub fast_fed: [&'a FastMove; 3],
+    /// Fine steps without viscous feedforward.
     pub fine: [&'a FineStep; 3],
+    /// Motion at rest per bandwidth and integral gain.
     pub hunting: [&'a [HuntingResult]; 3],
     /// Of guide 1.
     pub rig: &'a [RigBias],
@@ -60,10 +68,11 @@ pub struct StiffnessError {
     pub amplitude: f64,
     /// N/m, by the paper.
     pub stated: f64,
-    /// Measured less stated over stated: the catalogue's bristle, the single bristle that fits best
-    /// (closed form), distributed.
+    /// Measured less stated over stated, on the catalogue's bristle.
     pub catalogue: f64,
+    /// The same of the single bristle that fits best, in closed form.
     pub best_single: f64,
+    /// The same as measured on the distributed bristles.
     pub distributed: f64,
 }
 

@@ -37,6 +37,7 @@ const LINE_FROM: f64 = 0.1;
 /// The measured curve of one guide type.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StribeckCurve {
+    /// Name of the specimen.
     pub name: String,
     /// Ascending in velocity, return direction negative.
     pub points: Vec<StribeckPoint>,
@@ -55,6 +56,7 @@ pub struct StribeckCurve {
     pub falls: bool,
 }
 
+/// The friction at one velocity.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StribeckPoint {
     /// Measured by the encoder from end to end, m/s.

@@ -62,50 +62,98 @@ pub enum Objective {
 /// What is to be tuned, and for what.
 #[derive(Clone, Debug)]
 pub struct TuningPlan {
+    /// The stage on its nominal guides.
     pub model: StageModel,
+    /// Motion, requirement, tolerances, and the bandwidth to begin with.
     pub application: Application,
+    /// What is made small.
     pub objective: Objective,
     /// Variants that the search does not see.
     pub unseen: u64,
+    /// Seed of draws and noise.
     pub seed: u64,
 }
 
 /// Why there are no gains.
 #[derive(Debug, thiserror::Error)]
 pub enum TuningError {
+    /// A model that cannot be.
     #[error(transparent)]
     Model(#[from] ModelError),
+    /// A variant that cannot be simulated.
     #[error(transparent)]
     Variant(#[from] VariantError),
+    /// A controller that cannot be.
     #[error(transparent)]
     Controller(#[from] ControllerError),
+    /// Rates that do not fit each other.
     #[error(transparent)]
     Rates(#[from] RatesError),
+    /// A motion that cannot be.
     #[error(transparent)]
     Trajectory(#[from] TrajectoryError),
+    /// No bandwidth that keeps the modulus margin.
     #[error(
         "no loop at {rate} Hz keeps a modulus margin of 6 dB on this stage, from {least:.1} to \
          {most:.1} Hz of bandwidth: the largest |S| is {peak:.1} dB at the best of them; sample \
          faster, or make the motor less late"
     )]
-    NoMargins { rate: f64, least: f64, most: f64, peak: f64 },
+    NoMargins {
+        /// Sampling rate, Hz.
+        rate: f64,
+        /// Lowest bandwidth that was tried, Hz.
+        least: f64,
+        /// Highest bandwidth that was tried, Hz.
+        most: f64,
+        /// Largest |S| of the best of them, dB.
+        peak: f64,
+    },
+    /// A rate that is too low for the lowpass of a bandwidth.
     #[error(
         "a rate of {rate} Hz is too low for a bandwidth of {bandwidth} Hz, whose lowpass at \
          {lowpass} Hz must stay below half the rate: at least {needed} Hz, or at most \
          {possible:.1} Hz of bandwidth"
     )]
-    Rate { rate: f64, bandwidth: f64, lowpass: f64, needed: f64, possible: f64 },
+    Rate {
+        /// Sampling rate, Hz.
+        rate: f64,
+        /// Bandwidth of the application, Hz.
+        bandwidth: f64,
+        /// Cutoff of the lowpass for it, Hz.
+        lowpass: f64,
+        /// Lowest rate for this bandwidth, Hz.
+        needed: f64,
+        /// Highest bandwidth for this rate, Hz.
+        possible: f64,
+    },
+    /// Gains to compare whose closed loop is unstable.
     #[error(
         "the gains of {name} are beyond the limit of stability{}: lower them, or begin with those \
          that are proposed without them",
         margins.crossover.map_or_else(String::new, |at| format!(", with a crossover of {at:.0} Hz"))
     )]
-    Unstable { name: String, margins: Margins },
+    Unstable {
+        /// Name of the gains.
+        name: String,
+        /// Their worst margins.
+        margins: Margins,
+    },
+    /// A move that needs more force than the motor has.
     #[error(
         "the application's move of {distance} m needs {needed:.0} N for the {mass} kg of the \
          model, whose motor has {limit} N"
     )]
-    Motor { distance: f64, needed: f64, mass: f64, limit: f64 },
+    Motor {
+        /// Way of the move, m.
+        distance: f64,
+        /// Peak force to accelerate the mass, N.
+        needed: f64,
+        /// Moving mass of the model, kg.
+        mass: f64,
+        /// Largest force of the motor, N.
+        limit: f64,
+    },
+    /// Too few variants to compare on: how many.
     #[error("{0} variants are too few to compare on: at least 1")]
     TooFewVariants(u64),
 }
@@ -115,12 +163,14 @@ pub enum TuningError {
 pub struct AmplitudeMargins {
     /// m; `None`: the plain mass.
     pub amplitude: Option<f64>,
+    /// Margins of the loop.
     pub margins: Margins,
 }
 
 /// What a controller reaches on variants. SI units.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct OnVariants {
+    /// Variants that were computed.
     pub variants: u64,
     /// Median and 95 % quantile of the largest error, m.
     pub peak_error: [f64; 2],
@@ -131,14 +181,18 @@ pub struct OnVariants {
     /// Share that is not worse than the rule of thumb, and the median over the variants of this
     /// one's objective over that of the rule.
     pub not_worse: f64,
+    /// Objective over that of the rule of thumb, median.
     pub ratio: f64,
+    /// Variants whose motor came to its limit.
     pub saturated: u64,
 }
 
 /// A controller with what it reaches.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tuned {
+    /// Name for people.
     pub name: String,
+    /// Rate, gains, feedforward and limits.
     pub settings: ControllerSettings,
     /// Worst over guides within their tolerances and amplitudes: the least of each.
     pub worst: Margins,
@@ -146,15 +200,18 @@ pub struct Tuned {
     pub without_lowpass: Margins,
     /// Of the nominal stage.
     pub nominal: Vec<AmplitudeMargins>,
+    /// On variants that the search did not see.
     pub on_variants: OnVariants,
 }
 
 /// Tunings to compare: the rule of thumb, what was found, and what was given to compare.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tuning {
+    /// What was made small.
     pub objective: Objective,
     /// Moving mass, kg.
     pub mass: f64,
+    /// The rule of thumb, what was found, then what was given.
     pub tunings: Vec<Tuned>,
     /// Whether the search found better gains than the rule of thumb.
     pub improved: bool,

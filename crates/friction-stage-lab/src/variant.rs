@@ -26,18 +26,30 @@ pub struct VariantResult {
     pub settling_time: Option<f64>,
     /// The motor reached its limit.
     pub saturated: bool,
+    /// Mean parameters of its guides, SI units.
     pub guide: Guide,
 }
 
 /// A variant that cannot be simulated.
 #[derive(Debug, thiserror::Error)]
 pub enum VariantError {
+    /// A stage that cannot be.
     #[error("{guide}, variant {variant}: {source}")]
-    Model { guide: String, variant: u64, source: Box<ModelError> },
+    Model {
+        /// Name of the guide.
+        guide: String,
+        /// Number of the variant.
+        variant: u64,
+        /// Why it cannot be.
+        source: Box<ModelError>,
+    },
+    /// Rates that do not fit each other.
     #[error(transparent)]
     Rates(#[from] RatesError),
+    /// A controller that cannot be.
     #[error(transparent)]
     Controller(#[from] ControllerError),
+    /// A motion that cannot be.
     #[error(transparent)]
     Trajectory(#[from] TrajectoryError),
 }

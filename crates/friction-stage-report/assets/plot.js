@@ -355,7 +355,7 @@
           bind: { dblclick: () => () => { this.show(...this.whole, true); } } },
         hooks: {
           drawAxes: [(u) => this.drawBands(u)],
-          draw: [(u) => this.drawLabels(u)],
+          draw: [(u) => this.drawEdges(u), (u) => this.drawLabels(u)],
           setCursor: [(u) => this.tell(u.cursor.left >= 0 ? u.posToVal(u.cursor.left, "x") : null)],
           setSelect: [(u) => {
             const { left, width } = u.select;
@@ -393,6 +393,7 @@
           }
         }
       }
+      if (this.chart.y.least != null) low = Math.min(low, this.chart.y.least);
       // Words at peaks have room above them.
       const above = this.chart.labels.length > 0 ? 2.5 : 1;
       if (log) {
@@ -432,6 +433,25 @@
           context.globalAlpha = 1;
         }
       });
+      context.restore();
+    }
+
+    // The edges of what noise may be, above the curves: these may fill it.
+    drawEdges(u) {
+      const { left, top, width, height } = u.bbox;
+      const context = u.ctx, scale = u.scales.y;
+      context.save();
+      context.strokeStyle = ink("--soft");
+      context.lineWidth = devicePixelRatio;
+      context.beginPath();
+      for (const band of this.chart.bands.filter((band) => band.axis === "y" && band.low < band.high)) {
+        for (const edge of [band.low, band.high].filter((v) => v > scale.min && v < scale.max)) {
+          const at = Math.min(Math.max(u.valToPos(edge, "y", true), top), top + height);
+          context.moveTo(left, at);
+          context.lineTo(left + width, at);
+        }
+      }
+      context.stroke();
       context.restore();
     }
 

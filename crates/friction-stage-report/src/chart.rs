@@ -160,6 +160,8 @@ pub struct Chart {
     pub x_names: Vec<String>,
     /// What the abscissa of a drawing shows at least, points or not.
     pub x_least: Option<(f64, f64)>,
+    /// A value that the ordinate shows in any case.
+    pub y_least: Option<f64>,
 }
 
 /// Size of a figure, px.
@@ -235,6 +237,7 @@ impl Chart {
             zooms_with: None,
             x_names: Vec::new(),
             x_least: None,
+            y_least: None,
         }
     }
 
@@ -450,7 +453,8 @@ impl Chart {
             .filter(|point| self.shown(point))
             .map(part);
         let ends = self.x_least.filter(|_| axis == Axis::X).map(|(low, high)| [low, high]);
-        let ends = ends.into_iter().flatten().filter(|end| scale.has(*end));
+        let least = self.y_least.filter(|_| axis == Axis::Y);
+        let ends = ends.into_iter().flatten().chain(least).filter(|end| scale.has(*end));
         let (low, high) = points
             .chain(lines)
             .chain(ends)
@@ -554,6 +558,14 @@ impl Chart {
                     let marks = points.into_iter().map(|at| Circle::new(at, radius, style));
                     chart.draw_series(marks)?;
                 }
+            }
+        }
+        // The edges of what noise may be, above the curves: these may fill it.
+        for band in self.bands.iter().filter(|band| band.axis == Axis::Y && band.low < band.high) {
+            let inside = |edge: &f64| *edge > y_range.start && *edge < y_range.end;
+            for edge in [band.low, band.high].into_iter().filter(inside) {
+                let line = [(x_range.start, edge), (x_range.end, edge)];
+                chart.draw_series(LineSeries::new(line, LEVEL.stroke_width(PX)))?;
             }
         }
         for band in self.bands.iter().filter(|band| band.is_level() && self.has(band)) {

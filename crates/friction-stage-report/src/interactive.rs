@@ -96,6 +96,8 @@ struct Along<'a> {
     log: bool,
     /// Distance from zero up to which it is even, where it is logarithmic beyond.
     even: Option<f64>,
+    /// A value that is shown in any case.
+    least: Option<f64>,
     names: &'a [String],
 }
 
@@ -105,7 +107,7 @@ impl<'a> Along<'a> {
             Scale::Asinh(even) => Some(even),
             Scale::Linear | Scale::Log => None,
         };
-        Along { label, log: scale == Scale::Log, even, names }
+        Along { label, log: scale == Scale::Log, even, least: None, names }
     }
 }
 
@@ -192,7 +194,7 @@ impl Columns {
         let drawn = Drawn {
             title: &chart.title,
             x: Along::new(&chart.x_label, chart.x_scale, &chart.x_names),
-            y: Along::new(&chart.y_label, chart.y_scale, &[]),
+            y: Along { least: chart.y_least, ..Along::new(&chart.y_label, chart.y_scale, &[]) },
             series,
             bands: bands.collect(),
             labels: labels.collect(),

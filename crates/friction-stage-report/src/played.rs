@@ -56,14 +56,14 @@ pub struct PlayedMove {
 /// The moves of a motion that begins at 0, with their qualities; samples of ascending time.
 pub fn played_moves(
     moves: &[Move],
-    qualities: &[Option<MotionQuality>],
+    qualities: &[MotionQuality],
     samples: &[PlayedSample],
 ) -> Vec<PlayedMove> {
     let mut from = 0.0;
     moves
         .iter()
         .zip(qualities)
-        .filter_map(|(a_move, quality)| {
+        .map(|(a_move, quality)| {
             let seconds = |time: i64| time as f64 * 1e-9;
             let first = samples.partition_point(|sample| sample.time < a_move.start);
             let after = samples.partition_point(|sample| sample.time <= a_move.arrival);
@@ -78,10 +78,10 @@ pub fn played_moves(
                 from,
                 to: a_move.target,
                 farthest: farthest.unwrap_or(a_move.target),
-                quality: (*quality)?,
+                quality: *quality,
             };
             from = a_move.target;
-            Some(played)
+            played
         })
         .collect()
 }
@@ -261,10 +261,10 @@ mod tests {
                 saturated: k == 100,
             })
             .collect();
-        let of = |moves: &[Move]| motion_quality(moves, &samples);
+        let of = |moves: &[Move]| motion_quality(moves, &samples).unwrap();
         let each: Vec<_> = motion.moves.iter().map(|a| of(std::slice::from_ref(a))).collect();
         let moves = played_moves(&motion.moves, &each, &[]);
-        let text = played_text(&moves, of(&motion.moves).as_ref());
+        let text = played_text(&moves, Some(&of(&motion.moves)));
         for words in ["1: 10.000 µm", "2: -2.0000 mm", "all moves", "limit in 1 samples", "never"]
         {
             assert!(text.contains(words), "{words}: {text}");
@@ -276,7 +276,7 @@ mod tests {
         let half = (there_and_back.start + there_and_back.arrival) / 2;
         let samples = [away(there_and_back.start, 0.0), away(half, -5e-3)];
         let moves = played_moves(&[there_and_back], &each[..1], &samples);
-        let text = played_text(&moves, of(&motion.moves).as_ref());
+        let text = played_text(&moves, Some(&of(&motion.moves)));
         assert!(text.contains("1: up to -5.0000 mm"), "{text}");
     }
 

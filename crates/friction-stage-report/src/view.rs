@@ -163,6 +163,9 @@ fn curves(value: Value, runs: &[ViewedRun], names: &[String]) -> Vec<Series> {
         .collect()
 }
 
+/// Colour of the setpoint of all runs.
+const SETPOINT: usize = 4;
+
 /// The setpoint of all runs that have one; once, where it is the same.
 fn setpoints(value: Value, runs: &[ViewedRun], names: &[String]) -> Vec<Series> {
     let mut curves = curves(value, runs, names);
@@ -176,6 +179,8 @@ fn setpoints(value: Value, runs: &[ViewedRun], names: &[String]) -> Vec<Series> 
             false => format!("setpoint of {}", curve.name),
         },
         style: Style::Dashed,
+        // That of all runs has the colour of none.
+        colour: if is_one { SETPOINT } else { curve.colour },
         ..curve
     };
     curves.into_iter().map(dashed).collect()

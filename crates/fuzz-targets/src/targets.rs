@@ -6,7 +6,7 @@ use std::path::Path;
 use clap::Parser;
 use friction_stage::cli::Arguments;
 use friction_stage::node::arguments::RosArguments;
-use friction_stage_core::control::{Reference, Trajectory};
+use friction_stage_core::control::{Follower, Reference, Trajectory};
 use friction_stage_core::model::{Catalogue, StageModel};
 use friction_stage_core::plant::{Rates, Stage};
 use friction_stage_data::bag::{BagReader, recover};
@@ -170,12 +170,20 @@ fn arrays(bytes: &[u8], directory: &Path) {
     table(&written(bytes, directory, "table.npz"));
 }
 
-/// What a trajectory passes through is finite.
+/// Whatever of a trajectory is not refused is finite, on its points and between them.
 fn followed(trajectory: &Trajectory) {
-    for point in trajectory.points() {
-        assert!(point.position.is_finite(), "{point:?}");
+    let (start, end) = (trajectory.start(), trajectory.end());
+    assert!(end >= start);
+    let mut follower = Follower::new(f64::MAX);
+    if follower.follow(start, trajectory.clone()).is_err() {
+        return;
     }
-    assert!(trajectory.end() >= trajectory.start());
+    for part in 0..=100 {
+        let time = start + ((end - start) as f64 * f64::from(part) / 100.0) as i64;
+        let Reference { position, velocity, acceleration, effort } = follower.at(time);
+        let all = [position, velocity, acceleration, effort];
+        assert!(all.iter().all(|value| value.is_finite()), "{all:?} at {time} ns");
+    }
 }
 
 fn motion(bytes: &[u8], _: &Path) {

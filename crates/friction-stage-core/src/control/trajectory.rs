@@ -93,6 +93,8 @@ pub struct Follower {
 /// Positions, m, speeds, m/s, and accelerations, m/s^2, that no stage reaches: a reference beyond
 /// them is a slip, and controllers compute with its squares.
 const LARGEST: [(&str, f64); 3] = [("position", 1e6), ("velocity", 1e6), ("acceleration", 1e9)];
+/// The same of efforts, N: between two finite ones of opposite signs there may be none.
+const LARGEST_EFFORT: f64 = 1e9;
 
 #[derive(Clone, Debug)]
 struct Active {
@@ -285,6 +287,15 @@ fn widen(bernstein: &[f64; 6], tolerance: f64, depth: u32, found: &mut (f64, f64
     widen(&right, tolerance, depth - 1, found);
 }
 
+/// Refuses an effort that no motor has, N.
+fn check_effort(index: usize, value: f64) -> Result<(), TrajectoryError> {
+    if value.abs() <= LARGEST_EFFORT {
+        return Ok(());
+    }
+    let (quantity, limit) = ("effort", LARGEST_EFFORT);
+    Err(TrajectoryError::TooFast { index, quantity, value, limit })
+}
+
 /// The motion from `a` to `b` at `time`, ns after the start of their trajectory.
 #[inline]
 fn interpolate(a: &Point, b: &Point, time: i64) -> Reference {
@@ -325,6 +336,9 @@ impl Follower {
                     return Err(TrajectoryError::TooFast { index, quantity, value, limit });
                 }
             }
+            for value in [from.effort, to.effort] {
+                check_effort(index, value)?;
+            }
             let (least, most) = extremes[0];
             // A stage that stands beyond its stroke may be moved back into it.
             let (low, high) = (low.min(origin.position), high.max(origin.position));
@@ -364,6 +378,7 @@ impl Follower {
                 return Err(TrajectoryError::TooFast { index: 0, quantity, value, limit });
             }
         }
+        check_effort(0, setpoint.effort)?;
         let (low, high) = self.stroke;
         let (low, high) = (low.min(current.position), high.max(current.position));
         let position = setpoint.position;
@@ -601,6 +616,13 @@ mod tests {
         let mut follower = Follower::new(1e-3);
         assert!(matches!(follower.follow(0, huge), Err(TrajectoryError::TooFast { .. })));
         assert_eq!(follower.at(MS), Reference::default());
+        // Half way between these efforts there is no number.
+        let pushed = |time, effort| Point { effort, ..point(time, 0.0) };
+        let torn = Trajectory::new(0, vec![pushed(MS, -1e308), pushed(2 * MS, 1e308)]).unwrap();
+        let refused = follower.follow(0, torn).unwrap_err().to_string();
+        assert!(refused.contains("effort reaches -1.000e308"), "{refused}");
+        let pushed = Reference { effort: f64::MAX, ..Reference::default() };
+        assert!(matches!(follower.set(0, pushed), Err(TrajectoryError::TooFast { .. })));
     }
 
     #[test]

@@ -11,7 +11,7 @@ use super::columns::Columns;
 use super::data_quality::{DataQuality, SignalNote, SignalQuality};
 use super::error::SignalError;
 use super::grid::{self, Grid, stretches};
-use super::mapping::{Joined, Mapping, Place, Signal, SignalSource};
+use super::mapping::{Joined, Mapping, Signal, SignalSource};
 use super::order::{Ordered, order};
 use super::recording::{LEAST_COVERAGE, Recording, valid_rows};
 use super::resample::{self, Apart, Between, Placed};
@@ -80,24 +80,23 @@ impl<'a> Origin<'a> {
         Self { source, mapping: &other.mapping, file: Some(&other.file), clock_offset }
     }
 
-    /// The places of a signal that the recording has; those that somebody asked for in any case, so
-    /// that a missing one shows.
+    /// The places of a signal that the recording has; those of a mapping file in any case, so that
+    /// a missing one shows. Of several, those whose messages have the field: types get more.
     fn candidates(&self, signal: Signal) -> impl Iterator<Item = SignalSource> {
         let asked_for = self.mapping.asked_for;
-        let places = self.mapping.signals.get(&signal).into_iter().flatten();
-        places.filter(move |source| asked_for || self.source.expected(source).is_some()).cloned()
+        let places = self.mapping.signals.get(&signal).map_or(&[][..], Vec::as_slice);
+        let is_there = move |source: &&SignalSource| match places {
+            _ if asked_for => true,
+            [_] => self.source.expected(source).is_some(),
+            _ => self.source.has_samples(source),
+        };
+        places.iter().filter(is_there).cloned()
     }
 
-    /// Each group of signals as a stream, with the times of the recording.
-    fn read(
-        &self,
-        groups: &[Vec<(Signal, SignalSource)>],
-        span: Span,
-    ) -> Result<Vec<Stream>, SignalError> {
-        let requests: Vec<Request> =
-            groups.iter().map(|signals| Request { signals: signals.clone() }).collect();
+    /// Each request as a stream, with the times of the recording.
+    fn read(&self, requests: &[Request], span: Span) -> Result<Vec<Stream>, SignalError> {
         let span = span.on_clock(self.clock_offset);
-        let mut streams = self.source.read(&requests, self.mapping.joint.as_deref(), span)?;
+        let mut streams = self.source.read(requests, self.mapping.joint.as_deref(), span)?;
         for stream in &mut streams {
             if let Some(file) = self.file {
                 let named = |place: &String| format!("{} {place}", file.display());
@@ -118,8 +117,8 @@ impl<'a> Origin<'a> {
         }
         // What is read is near the grid; of the others the first one says where they are.
         let sources = self.mapping.signals.iter().filter(|(s, _)| stream.signals.contains(s));
-        let group: Vec<(Signal, SignalSource)> =
-            sources.filter_map(|(signal, s)| Some((*signal, s.first()?.clone()))).collect();
+        let signals = sources.filter_map(|(signal, s)| Some((*signal, s.first()?.clone())));
+        let group = Request { signals: signals.collect() };
         let one = Span::of(Window { most: Some(1), ..Window::default() });
         let first = self.read(&[group], one)?.first().and_then(|s| s.stamps.first().copied());
         let seconds = |stamp: i64| stamp as f64 * 1e-9;
@@ -172,7 +171,7 @@ fn on_grid(
         .find_map(|signal| Some((signal, origin.candidates(signal).next()?)));
     let (signal, place) = measured.ok_or_else(missing)?;
     let recorded = source.expected(&place).filter(|samples| *samples > 0);
-    let mut stream = loading.read(origin, &[vec![(signal, place)]])?.remove(0);
+    let mut stream = loading.read(origin, &[Request { signals: vec![(signal, place)] }])?.remove(0);
     stream.signals[0] = Signal::Position;
     let (total, is_part) = (stream.stamps.len(), stream.is_part());
     let Ordered { stamps, mut values, mut quality } = order(stream)?;
@@ -335,16 +334,10 @@ fn is_clock(mapping: &Mapping) -> bool {
 }
 
 fn needs(mapping: &Mapping) -> String {
-    let places: Vec<String> = mapping
-        .signals
-        .get(&Signal::Position)
-        .or_else(|| mapping.signals.get(&Signal::Velocity))
-        .into_iter()
-        .flatten()
-        .map(|s| s.place.to_string())
-        .collect();
+    let has_position = mapping.signals.contains_key(&Signal::Position);
+    let places = mapping.places(if has_position { Signal::Position } else { Signal::Velocity });
     let other = if mapping.asked_for { "" } else { "; for other names give a mapping" };
-    format!("{}{other}", places.join(" or "))
+    format!("{places}{other}")
 }
 
 /// Columns of signals that are nowhere recorded hold no number.
@@ -370,12 +363,8 @@ struct Loading {
 }
 
 impl Loading {
-    fn read(
-        &mut self,
-        origin: &Origin,
-        groups: &[Vec<(Signal, SignalSource)>],
-    ) -> Result<Vec<Stream>, SignalError> {
-        let mut streams = origin.read(groups, self.span)?;
+    fn read(&mut self, origin: &Origin, requests: &[Request]) -> Result<Vec<Stream>, SignalError> {
+        let mut streams = origin.read(requests, self.span)?;
         for stream in &mut streams {
             // What is so of a file is told once, however often it is read.
             stream.notes.retain(|note| !self.notes.contains(note));
@@ -400,33 +389,14 @@ impl Loading {
         // each turn reads the first places, then the second ones of signals that the first did not
         // have
         while wanted.iter().any(|(_, sources)| !sources.is_empty()) {
-            let mut groups: Vec<Vec<(Signal, SignalSource)>> = Vec::new();
-            for (signal, sources) in &mut wanted {
-                if sources.is_empty() {
-                    continue;
-                }
-                let source = sources.remove(0);
-                let same = |group: &&mut Vec<(Signal, SignalSource)>| match (
-                    &group[0].1.place,
-                    &source.place,
-                ) {
-                    (
-                        Place::Topic { topic: a, stamp: s, .. },
-                        Place::Topic { topic: b, stamp: t, .. },
-                    ) => a == b && s == t,
-                    _ => false,
-                };
-                match groups.iter_mut().find(same) {
-                    Some(group) => group.push((*signal, source)),
-                    None => groups.push(vec![(*signal, source)]),
-                }
-            }
+            let next = wanted.iter_mut().filter(|(_, sources)| !sources.is_empty());
+            let mut groups =
+                Request::grouped(next.map(|(signal, sources)| (*signal, sources.remove(0))));
             while !groups.is_empty() {
                 // as many groups in one pass as fit, one at least
-                let bytes = |group: &Vec<(Signal, SignalSource)>| {
-                    let samples =
-                        origin.source.expected(&group[0].1).unwrap_or(0).max(grid.rows as u64);
-                    samples * 8 * (1 + group.len() as u64)
+                let bytes = |group: &Request| {
+                    let expected = origin.source.expected(group.first()).unwrap_or(0);
+                    expected.max(grid.rows as u64) * 8 * (1 + group.signals.len() as u64)
                 };
                 let (mut total, mut count) = (0, 0);
                 for group in &groups {

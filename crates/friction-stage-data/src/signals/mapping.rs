@@ -134,6 +134,28 @@ pub enum Place {
     Column(Column),
 }
 
+impl Place {
+    /// Whether its values acted over the time of a row before their stamps.
+    pub(super) fn ends_interval(&self) -> bool {
+        matches!(self, Place::Topic { stamp: Stamp::IntervalEnd, .. })
+    }
+
+    /// Whether it is a field of the messages of a topic.
+    pub(super) fn is_of_topic(&self, name: &str) -> bool {
+        matches!(self, Place::Topic { topic, .. } if topic == name)
+    }
+
+    /// Whether it has the stamps of another one: those of the same messages.
+    pub(super) fn has_stamps_of(&self, other: &Place) -> bool {
+        match (self, other) {
+            (Place::Topic { topic: a, stamp: s, .. }, Place::Topic { topic: b, stamp: t, .. }) => {
+                a == b && s == t
+            }
+            _ => false,
+        }
+    }
+}
+
 /// A column of a table.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Column {
@@ -333,6 +355,12 @@ impl Mapping {
             join: Vec::new(),
             asked_for: false,
         }
+    }
+
+    /// The places of a signal, for people.
+    pub(super) fn places(&self, signal: Signal) -> String {
+        let places = self.signals.get(&signal).into_iter().flatten();
+        places.map(|source| source.place.to_string()).collect::<Vec<_>>().join(" or ")
     }
 
     /// Whether it is for tables.

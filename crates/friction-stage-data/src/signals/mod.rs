@@ -6,6 +6,7 @@
 
 mod array_table;
 mod arrays;
+mod by_stamp;
 mod column_name;
 mod columns;
 mod csv_table;

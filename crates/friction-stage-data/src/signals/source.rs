@@ -12,13 +12,11 @@ use super::csv_table::CsvFile;
 use super::data_quality::SignalNote;
 use super::error::SignalError;
 use super::import::joint_type;
-use super::mapping::{Mapping, Place, Signal, SignalSource, Stamp};
-use super::topic_source::read_bag;
+use super::mapping::{Mapping, Place, Signal, SignalSource};
+use super::topic_source::{has_samples, inventory, messages, read_bag};
 use super::window::{Side, Span};
 use crate::bag::BagReader;
 
-/// Topics that an error lists.
-const LISTED: usize = 50;
 /// Most samples that memory is set aside for before they are read.
 const RESERVE: u64 = 16_000_000;
 /// The smallest time there is stands for none.
@@ -52,6 +50,31 @@ pub(crate) struct Stream {
 #[derive(Debug, Clone)]
 pub(crate) struct Request {
     pub signals: Vec<(Signal, SignalSource)>,
+}
+
+impl Request {
+    /// A request for each of the topics and its stamps, or columns.
+    pub fn grouped(signals: impl IntoIterator<Item = (Signal, SignalSource)>) -> Vec<Request> {
+        let mut requests: Vec<Request> = Vec::new();
+        for one in signals {
+            let same = |request: &&mut Request| one.1.place.has_stamps_of(&request.first().place);
+            match requests.iter_mut().find(same) {
+                Some(request) => request.signals.push(one),
+                None => requests.push(Request { signals: vec![one] }),
+            }
+        }
+        requests
+    }
+
+    /// The place of its first signal; there is one.
+    pub fn first(&self) -> &SignalSource {
+        &self.signals[0].1
+    }
+
+    /// Whether it asks for a signal.
+    pub fn has(&self, signal: Signal) -> bool {
+        self.signals.iter().any(|(of, _)| *of == signal)
+    }
 }
 
 /// An open recording.
@@ -90,29 +113,25 @@ impl Source<'_> {
     /// not there.
     pub fn expected(&self, source: &SignalSource) -> Option<u64> {
         match (self, &source.place) {
-            (Self::Bag(reader), Place::Topic { topic, .. }) => {
-                reader.topic(topic).map(|t| t.messages).filter(|&messages| messages > 0)
-            }
+            (Self::Bag(reader), Place::Topic { .. }) => messages(reader, source),
             (Self::Csv(file), Place::Column(_)) => file.has(source).then_some(0),
             (Self::Columns(columns), Place::Column(column)) => columns.expected(column),
             _ => None,
         }
     }
 
+    /// Whether it has samples of a place.
+    pub fn has_samples(&self, source: &SignalSource) -> bool {
+        match self {
+            Self::Bag(reader) => has_samples(reader, source),
+            Self::Csv(_) | Self::Columns(_) => self.expected(source).is_some(),
+        }
+    }
+
     /// What there is in place of something that is missing.
     pub fn inventory(&self) -> String {
         match self {
-            Self::Bag(reader) if reader.topics().is_empty() => "no topics".into(),
-            Self::Bag(reader) => {
-                let topics = reader.topics();
-                let listed = topics.iter().take(LISTED);
-                let mut names: Vec<String> =
-                    listed.map(|t| format!("{} ({})", t.name, t.type_name)).collect();
-                if topics.len() > LISTED {
-                    names.push(format!("{} more", topics.len() - LISTED));
-                }
-                names.join(", ")
-            }
+            Self::Bag(reader) => inventory(reader),
             Self::Csv(file) => file.inventory(),
             Self::Columns(columns) => columns.inventory(),
         }
@@ -151,9 +170,7 @@ impl Stream {
             places: request.signals.iter().map(|(_, source)| source.place.to_string()).collect(),
             stamps: Vec::with_capacity(expected),
             values: request.signals.iter().map(|_| Vec::with_capacity(expected)).collect(),
-            ends_interval: request.signals.iter().any(|(_, source)| {
-                matches!(&source.place, Place::Topic { stamp: Stamp::IntervalEnd, .. })
-            }),
+            ends_interval: request.signals.iter().any(|(_, source)| source.place.ends_interval()),
             notes: Vec::new(),
             held: span.is_of_others(),
             span,

@@ -11,6 +11,37 @@ use super::window::Span;
 use crate::bag::{BagReader, Topic, topics};
 use crate::message::type_layout::{FieldPath, TypeLayout, Value};
 
+/// Topics that an error lists.
+const LISTED: usize = 50;
+
+/// What a bag has, for people.
+pub(super) fn inventory(reader: &BagReader) -> String {
+    let topics = reader.topics();
+    if topics.is_empty() {
+        return "no topics".into();
+    }
+    let listed = topics.iter().take(LISTED);
+    let mut names: Vec<String> =
+        listed.map(|topic| format!("{} ({})", topic.name, topic.type_name)).collect();
+    if topics.len() > LISTED {
+        names.push(format!("{} more", topics.len() - LISTED));
+    }
+    names.join(", ")
+}
+
+/// How many messages the topic of a place has; `None` where there are none.
+pub(super) fn messages(reader: &BagReader, source: &SignalSource) -> Option<u64> {
+    let Place::Topic { topic, .. } = &source.place else { return None };
+    reader.topic(topic).map(|topic| topic.messages).filter(|messages| *messages > 0)
+}
+
+/// Whether a bag has messages with the field of a place.
+pub(super) fn has_samples(reader: &BagReader, source: &SignalSource) -> bool {
+    let Place::Topic { topic, field, .. } = &source.place else { return false };
+    let Some(topic) = reader.topic(topic).filter(|topic| topic.messages > 0) else { return false };
+    layout(topic, &[field]).is_ok_and(|layout| layout.path(field).is_ok())
+}
+
 /// The layout of a topic's messages: by the definition in the bag, or our own for types that this
 /// program knows. Where nothing says the type, that of the fitting ones which alone has the
 /// `fields`.

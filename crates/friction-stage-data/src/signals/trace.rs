@@ -4,13 +4,12 @@
 //! What comes in are bags with the topics of the stage, or CSV; what goes out is what a fit or a
 //! figure needs.
 
-use std::collections::HashMap;
 use std::path::Path;
 
+use super::by_stamp::{missing, trace_by_stamp};
 use super::error::SignalError;
-use crate::bag::topics;
-use crate::bag::{BagError, BagMessage, BagReader};
-use crate::message::{ControllerState, Header, JointState, JointTrajectory, WrenchStamped};
+use super::mapping::{Mapping, Signal};
+use crate::bag::{BagError, BagReader};
 use friction_stage_core::control::Terms;
 use friction_stage_core::model::StageModel;
 use friction_stage_core::plant::Sample;
@@ -91,25 +90,15 @@ impl Trace {
         ]
     }
 
-    fn columns_mut(&mut self) -> [&mut Vec<f64>; 7] {
-        [
-            &mut self.time,
-            &mut self.reference_position,
-            &mut self.reference_velocity,
-            &mut self.reference_acceleration,
-            &mut self.position,
-            &mut self.force_cell,
-            &mut self.force,
-        ]
-    }
-
     /// Reads the topics of the stage from a bag.
     ///
-    /// Rows are the samples of `/stage/encoder`. The reference of a row comes from the one-point
+    /// Rows are the samples of `/stage/encoder`, on their own stamps: [`load`](super::load) brings
+    /// the same signals onto a grid. The reference of a row comes from the one-point
     /// `/stage/setpoint` of its stamp, else from the `/controller/state` of its stamp; the force
     /// from the `/stage/force` of its stamp, else from the last of `/stage/joint_commands` with its
-    /// log time. Of several other messages with one stamp the first counts. A bag without encoder,
-    /// or with a damaged place, is an error. A namespace of the nodes stands before all names.
+    /// log time, and of a stage in real time from what acted. Of several messages with one stamp
+    /// the first counts. A bag without encoder, or with a damaged place, is an error. A namespace
+    /// of the nodes stands before all names.
     pub fn from_bag(path: impl AsRef<Path>) -> Result<Self, SignalError> {
         Self::from_reader(&BagReader::open(path)?)
     }
@@ -120,110 +109,17 @@ impl Trace {
         path: impl AsRef<Path>,
     ) -> Result<(Self, Option<StageModel>), SignalError> {
         let reader = BagReader::open(path)?;
-        if reader.own_topic(topics::FORCE_CELL).is_none_or(|topic| topic.messages == 0) {
-            return Err(missing(
-                &reader,
-                "force cell",
-                format!("messages on {} (geometry_msgs/msg/WrenchStamped)", topics::FORCE_CELL),
-            ));
-        }
         let trace = Self::from_reader(&reader)?;
+        if trace.force_cell.iter().all(|force| force.is_nan()) {
+            let mapping = Mapping::own_bag(reader.provenance(), reader.namespace());
+            return Err(missing(&reader, Signal::ForceCell, &mapping));
+        }
         Ok((trace, reader.model()?))
     }
 
     /// As [`from_bag`](Self::from_bag), from a bag that is open.
     pub fn from_reader(reader: &BagReader) -> Result<Self, SignalError> {
-        let missing = |signal, needs: String| missing(reader, signal, needs);
-        let mut rows: Vec<(i64, f64)> = Vec::new();
-        let mut cell = HashMap::new();
-        let mut force = HashMap::new();
-        let mut effort = HashMap::new();
-        let mut setpoint = HashMap::new();
-        let mut controller = HashMap::new();
-        let namespace = reader.namespace();
-        for message in reader.messages() {
-            let message = message?;
-            match message.topic.name.strip_prefix(namespace).unwrap_or_default() {
-                topics::ENCODER => {
-                    let state: JointState = message.decode()?;
-                    let joint = joint_index(&state.name).ok_or_else(|| {
-                        missing(
-                            "encoder position",
-                            format!(
-                                "a joint {:?} in {}; at {} ns it has {:?}",
-                                topics::JOINT,
-                                topics::ENCODER,
-                                message.log_time,
-                                state.name
-                            ),
-                        )
-                    })?;
-                    if let Some(&position) = state.position.get(joint) {
-                        rows.push((stamp(&state.header), position));
-                    }
-                }
-                topics::FORCE_CELL => insert_force(&mut cell, &message)?,
-                topics::FORCE => insert_force(&mut force, &message)?,
-                topics::JOINT_COMMANDS => {
-                    let command: JointState = message.decode()?;
-                    let joint = joint_index(&command.name);
-                    if let Some(&value) = joint.and_then(|joint| command.effort.get(joint)) {
-                        effort.insert(message.log_time as i64, value);
-                    }
-                }
-                topics::SETPOINT => {
-                    let trajectory: JointTrajectory = message.decode()?;
-                    if let [point] = trajectory.points.as_slice() {
-                        let joint = joint_index(&trajectory.joint_names).unwrap_or(0);
-                        let value = |v: &[f64]| v.get(joint).copied().unwrap_or(f64::NAN);
-                        setpoint.entry(stamp(&trajectory.header)).or_insert([
-                            value(&point.positions),
-                            value(&point.velocities),
-                            value(&point.accelerations),
-                        ]);
-                    }
-                }
-                topics::CONTROLLER_STATE => {
-                    let state: ControllerState = message.decode()?;
-                    controller.entry(stamp(&state.header)).or_insert([
-                        state.reference_position,
-                        state.reference_velocity,
-                        state.reference_acceleration,
-                    ]);
-                }
-                _ => {}
-            }
-        }
-        if rows.is_empty() {
-            return Err(missing(
-                "encoder position",
-                format!("sensor_msgs/msg/JointState on {}", topics::ENCODER),
-            ));
-        }
-        rows.sort_by_key(|&(stamp, _)| stamp);
-        rows.dedup_by_key(|&mut (stamp, _)| stamp);
-        let origin_ns = rows[0].0;
-        let mut trace = Self { origin_ns, ..Self::default() };
-        for (stamp, position) in rows {
-            let reference = setpoint
-                .get(&stamp)
-                .or_else(|| controller.get(&stamp))
-                .copied()
-                .unwrap_or([f64::NAN; 3]);
-            let row = [
-                (stamp - origin_ns) as f64 * 1e-9,
-                reference[0],
-                reference[1],
-                reference[2],
-                position,
-                cell.get(&stamp).copied().unwrap_or(f64::NAN),
-                force.get(&stamp).or_else(|| effort.get(&stamp)).copied().unwrap_or(f64::NAN),
-            ];
-            for (column, value) in trace.columns_mut().into_iter().zip(row) {
-                column.push(value);
-            }
-        }
-        Ok(trace)
+        trace_by_stamp(reader)
     }
 
     /// Writes a CSV file with a header line; numbers in the shortest form that reads back exactly,
@@ -242,101 +138,13 @@ impl Trace {
         }
         writer.flush().map_err(|e| BagError::writing(path, 0, e).into())
     }
-
-    /// Reads a CSV file with a header line that names the columns as [`COLUMNS`] does, in any
-    /// order. `time` and `position` are needed, other columns that are not there are NaN.
-    pub fn read_csv(path: impl AsRef<Path>) -> Result<Self, SignalError> {
-        let path = path.as_ref();
-        let wrong = |line, reason| SignalError::Csv { path: path.to_owned(), line, reason };
-        let mut reader = csv::ReaderBuilder::new()
-            .trim(csv::Trim::All)
-            .from_path(path)
-            .map_err(|e| csv_error(path, e))?;
-        let headers = reader.headers().map_err(|e| csv_error(path, e))?.clone();
-        let places = COLUMNS.map(|name| headers.iter().position(|h| h == name));
-        for (name, place) in COLUMNS.iter().zip(places) {
-            if place.is_none() && ["time", "position"].contains(name) {
-                return Err(wrong(
-                    1,
-                    format!(
-                        "no column {name:?}; columns are {:?}, known names are {COLUMNS:?}",
-                        headers.iter().collect::<Vec<_>>()
-                    ),
-                ));
-            }
-        }
-        let mut trace = Self::default();
-        let mut record = csv::StringRecord::new();
-        while reader.read_record(&mut record).map_err(|e| csv_error(path, e))? {
-            let line = record.position().map_or(0, csv::Position::line);
-            for ((column, place), name) in trace.columns_mut().into_iter().zip(places).zip(COLUMNS)
-            {
-                let field = place.and_then(|p| record.get(p)).unwrap_or("");
-                let value = if field.is_empty() {
-                    f64::NAN
-                } else {
-                    field.parse().map_err(|_| {
-                        wrong(line, format!("{field:?} in column {name:?} is not a number"))
-                    })?
-                };
-                if name == "time"
-                    && column
-                        .last()
-                        .map_or(!f64::is_finite(value), |&l| value.is_nan() || value <= l)
-                {
-                    return Err(wrong(
-                        line,
-                        format!(
-                            "time {field:?} s does not come after {} s",
-                            column.last().copied().unwrap_or(f64::NEG_INFINITY)
-                        ),
-                    ));
-                }
-                column.push(value);
-            }
-        }
-        if trace.is_empty() {
-            return Err(wrong(2, "no rows after the header line".into()));
-        }
-        Ok(trace)
-    }
 }
 
-fn missing(reader: &BagReader, signal: &'static str, needs: String) -> SignalError {
-    SignalError::MissingSignal {
-        path: reader.path().to_owned(),
-        signal,
-        needs,
-        has: match reader.topics() {
-            [] => "no topics".into(),
-            topics => {
-                let names: Vec<_> = topics.iter().map(|t| t.name.as_str()).collect();
-                names.join(", ")
-            }
-        },
-    }
-}
-
-/// Index of the stage among the joints: by name, or the only one.
-pub(crate) fn joint_index(names: &[String]) -> Option<usize> {
-    names.iter().position(|n| n == topics::JOINT).or((names.len() == 1).then_some(0))
-}
-
-fn stamp(header: &Header) -> i64 {
-    header.stamp.to_nanos()
-}
-
-fn insert_force(map: &mut HashMap<i64, f64>, message: &BagMessage) -> Result<(), SignalError> {
-    let wrench: WrenchStamped = message.decode()?;
-    map.entry(stamp(&wrench.header)).or_insert(wrench.wrench.force.x);
-    Ok(())
-}
-
-pub(crate) fn csv_error(path: &Path, error: csv::Error) -> SignalError {
+fn csv_error(path: &Path, error: csv::Error) -> SignalError {
     let line = error.position().map_or(0, csv::Position::line);
     let reason = error.to_string();
     match error.into_kind() {
-        csv::ErrorKind::Io(source) => BagError::reading(path, source).into(),
+        csv::ErrorKind::Io(source) => BagError::writing(path, 0, source).into(),
         _ => SignalError::Csv { path: path.to_owned(), line, reason },
     }
 }
@@ -358,40 +166,19 @@ mod tests {
         }
     }
 
-    fn bits(trace: &Trace) -> Vec<Vec<u64>> {
-        trace.columns().iter().map(|c| c.iter().map(|v| v.to_bits()).collect()).collect()
-    }
-
     #[test]
-    fn csv_reads_back_bit_for_bit() {
+    fn csv_has_the_columns_by_name_and_every_bit_of_their_numbers() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("trace.csv");
         example().write_csv(&path).unwrap();
-        assert_eq!(bits(&Trace::read_csv(&path).unwrap()), bits(&example()));
-    }
-
-    #[test]
-    fn csv_columns_are_found_by_name_and_errors_name_line_and_column() {
-        let directory = tempfile::tempdir().unwrap();
-        let path = directory.path().join("trace.csv");
-        let read = |text: &str| {
-            std::fs::write(&path, text).unwrap();
-            Trace::read_csv(&path)
-        };
-        let trace = read("position, time, other\n1.5, 0, x\n2.5, 0.1, y\n").unwrap();
-        assert_eq!(trace.position, [1.5, 2.5]);
-        assert!(trace.force.iter().all(|f| f.is_nan()));
-        let error = read("time,position\n0,1\n0.1,1,7\n").unwrap_err().to_string();
-        assert!(error.contains("line 3"), "{error}");
-        let error = read("time,position\n0,1\n0.1,abc\n").unwrap_err().to_string();
-        assert!(
-            error.contains("line 3") && error.contains("\"abc\"") && error.contains("position"),
-            "{error}"
-        );
-        let error = read("time,position\n0.2,1\n0.1,1\n").unwrap_err().to_string();
-        assert!(error.contains("does not come after 0.2"), "{error}");
-        let error = read("time,speed\n0.2,1\n").unwrap_err().to_string();
-        assert!(error.contains("no column \"position\""), "{error}");
-        assert!(read("time,position\n").unwrap_err().to_string().contains("no rows"));
+        let text = std::fs::read_to_string(&path).unwrap();
+        let mut lines = text.lines();
+        assert_eq!(lines.next(), Some(COLUMNS.join(",").as_str()));
+        for (row, line) in lines.enumerate() {
+            for (field, column) in line.split(',').zip(example().columns()) {
+                let read = if field.is_empty() { f64::NAN } else { field.parse().unwrap() };
+                assert_eq!(read.to_bits(), column[row].to_bits(), "row {row}: {line}");
+            }
+        }
     }
 }

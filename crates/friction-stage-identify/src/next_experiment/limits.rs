@@ -29,7 +29,7 @@ pub struct Limits {
 }
 
 /// Why no motion can be worked out. The message of each variant says what it is.
-#[allow(missing_docs)]
+#[expect(missing_docs, reason = "the message of each says what its fields are")]
 #[derive(Debug, thiserror::Error)]
 pub enum NextExperimentError {
     #[error(

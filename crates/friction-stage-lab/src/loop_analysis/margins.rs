@@ -27,6 +27,7 @@ pub struct LoopPoint {
 /// The loop over the frequency.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoopResponse {
+    /// The loop at ascending frequencies.
     pub points: Vec<LoopPoint>,
     /// Poles of the open loop at z = 1.
     pub integrators: u32,

@@ -39,6 +39,7 @@ pub enum StageMotion {
 /// to those of the encoder.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SampledStage {
+    /// Motion of the carriage that the response holds for.
     pub motion: StageMotion,
     /// Hz
     pub rate: f64,

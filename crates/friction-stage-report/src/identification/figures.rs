@@ -5,10 +5,11 @@ use crate::chart::{Axis, Chart, Scale, Style, peaks};
 use crate::error::ReportError;
 use crate::words::{Words, in_prefix};
 use friction_stage_core::model::{Coordinate, Curve, CurveSide, JointType, StageModel};
+use friction_stage_core::numerics::rounded;
 use friction_stage_core::plant::effects::CURVE;
 use friction_stage_identify::{
-    Floor, Identification, IdentifyFinding, LoopError, Measured, Missing, Record, Records, Sides,
-    spectrum,
+    Floor, Identification, IdentifyFinding, LoopError, Measured, Missing, NOISE_LIKE, Record,
+    Records, Sides, spectrum,
 };
 
 /// A drawn figure; `name` is its file without the ending.
@@ -122,6 +123,19 @@ impl Residuals<'_> {
         self.sides().into_iter().max_by(|a, b| size(a).total_cmp(&size(b)))
     }
 
+    /// That side, and the other one where the declared model misses more than noise there, too.
+    fn sides_that_miss(&self) -> Vec<Side<'_>> {
+        let worst = self.worst().map(|side| side.name);
+        let misses = |side: &Side| {
+            let squares: f64 = side.before.iter().map(|value| value * value).sum();
+            (squares / side.before.len().max(1) as f64).sqrt() > NOISE_LIKE * side.floor
+        };
+        let mut sides = self.sides();
+        sides.sort_by_key(|side| Some(side.name) != worst);
+        sides.retain(|side| Some(side.name) == worst || misses(side));
+        sides
+    }
+
     /// A chart of the missing force over time with the band of noise.
     fn chart(&self, title: String, record: &str, floor: f64) -> Chart {
         let mut chart = Chart::new(title, "time, s", axis(self.joint, "missing force, N"));
@@ -130,6 +144,12 @@ impl Residuals<'_> {
         chart.zooms_with = Some(record.to_owned());
         chart
     }
+}
+
+/// A value in the unit of an axis, in two digits.
+fn with_unit(value: f64, axis: &str) -> String {
+    let unit = axis.split_once(", ").map_or("", |(_, unit)| unit);
+    format!("{} {unit}", rounded(value, 2))
 }
 
 /// The label of an axis, a quantity and its unit, with the units of a joint.
@@ -206,7 +226,14 @@ pub fn identification_figures(
         };
         let mut chart = chart_of("mean of each bin", "missing force, N");
         let mut spread = chart_of("rms in each bin", "missing force, N rms");
-        for curve in before_then_after(&holdout.sides()) {
+        let sides = holdout.sides_that_miss();
+        if let Some(worst) = sides.first() {
+            let half = NOISE_BAND * worst.floor;
+            chart.band("noise of a row, 95 %", Axis::Y, -half, half);
+            spread.band("noise of the sensors, rms", Axis::Y, 0.0, worst.floor);
+            spread.y_least = Some(0.0);
+        }
+        for curve in before_then_after(&sides) {
             let bins = binned(&along, curve.values, scale);
             chart.add(
                 &curve.name,
@@ -221,16 +248,26 @@ pub fn identification_figures(
                 bins.iter().map(|bin| (bin.0, bin.2)),
             );
         }
+        let spread_out = match scale {
+            Scale::Asinh(even) => format!(
+                " The axis is even up to {} and goes by decades beyond.",
+                with_unit(even, &axis(joint, label))
+            ),
+            Scale::Linear | Scale::Log => String::new(),
+        };
         let caption = format!(
             "What the declared (before) and the identified (after) model miss over {word}, \
-             hold-out record; mean of the rows of a bin."
+             hold-out record; mean of the rows of a bin, which scatters less than a \
+             row.{spread_out}"
         );
         figures.push(IdentificationFigure::new(name, FigureGroup::Residual, chart, caption)?);
         // Over the signed coordinates a cause that changes its sign averages out; its size does
         // not.
         if matches!(word, "position" | "velocity") {
-            let caption =
-                format!("The same as size: root mean square of the rows of a bin over {word}.");
+            let caption = format!(
+                "The same as size: root mean square of the rows of a bin over \
+                     {word}.{spread_out}"
+            );
             let name = format!("residual_size_over_{word}");
             figures.push(IdentificationFigure::new(name, FigureGroup::Residual, spread, caption)?);
         }
@@ -297,7 +334,13 @@ fn before_and_after(
     let title =
         format!("Missing force on the {}, the {seconds:.1} s where it varies most", side.name);
     let mut close = residuals.chart(title, "close-up", side.floor);
-    pair(&mut close, &time[part.clone()], &side.before[part.clone()], &side.after[part]);
+    pair(
+        &mut close,
+        &time[part.clone()],
+        &side.before[part.clone()],
+        &side.after[part],
+        side.floor,
+    );
     let title = format!("What the identified model leaves on the {}", side.name);
     let mut left = residuals.chart(title, record, side.floor);
     left.add("after", 0, Style::Line, points(&time, side.after));
@@ -349,9 +392,12 @@ fn force(residuals: &Residuals, record: &str) -> Result<IdentificationFigure, Re
     let measured = residuals.measured;
     let time = measured.at_rows(&measured.time);
     let reading = measured.filtered(measured.cell.as_deref().unwrap_or(&measured.command));
-    let what = if measured.cell.is_some() { "force cell" } else { "force command" };
+    let (title, what) = match measured.cell {
+        Some(_) => ("Measured force", "force cell"),
+        None => ("Force that was commanded", "force command"),
+    };
     let mut chart = Chart::new(
-        format!("Measured force, {record} record"),
+        format!("{title}, {record} record"),
         "time, s",
         axis(residuals.joint, "force, N"),
     );
@@ -391,7 +437,7 @@ fn position(
         "time, s",
         format!("simulated less encoder, {}", joint.unit(unit)),
     );
-    pair(&mut chart, &time, &scaled(&error.before), &scaled(&error.after));
+    pair(&mut chart, &time, &scaled(&error.before), &scaled(&error.after), 0.0);
     IdentificationFigure::new(
         "position_error_in_closed_loop",
         FigureGroup::Comparison,
@@ -412,7 +458,7 @@ fn over_time(
         .map(|Side { name: side, before, after, floor, .. }| {
             let title = format!("Residual over time, {side}, {record} record");
             let mut chart = residuals.chart(title, record, floor);
-            pair(&mut chart, &time, before, after);
+            pair(&mut chart, &time, before, after, floor);
             let law = match side {
                 "motor side" => "cell less command and motor effects",
                 _ => "mass times acceleration plus friction less effects and measured force",
@@ -443,7 +489,7 @@ struct MissingCurve<'a> {
 fn before_then_after<'a>(sides: &[Side<'a>]) -> Vec<MissingCurve<'a>> {
     let of = |is_before: bool| {
         sides.iter().filter_map(move |side| {
-            let is_same = side.before == side.after;
+            let is_same = alike(side.before, side.after, side.floor);
             if is_same && !is_before {
                 return None;
             }
@@ -464,10 +510,19 @@ fn before_then_after<'a>(sides: &[Side<'a>]) -> Vec<MissingCurve<'a>> {
     of(true).chain(of(false)).collect()
 }
 
-/// Before and after in one chart; one line where both are the same.
-fn pair(chart: &mut Chart, time: &[f64], before: &[f64], after: &[f64]) {
-    if before == after {
-        chart.add("before and after", 0, Style::Line, points(time, before));
+/// Part of the noise by which two curves may differ that are drawn as one.
+const ALIKE: f64 = 0.1;
+
+/// Whether two curves differ nowhere by more than a part of this noise, rms.
+fn alike(before: &[f64], after: &[f64], noise: f64) -> bool {
+    let near = |(a, b): (&f64, &f64)| a == b || (a - b).abs() <= ALIKE * noise;
+    before.iter().zip(after).all(near)
+}
+
+/// Before and after in one chart; one line where they differ by less than a part of the noise.
+fn pair(chart: &mut Chart, time: &[f64], before: &[f64], after: &[f64], noise: f64) {
+    if alike(before, after, noise) {
+        chart.add("before and after", 0, Style::Line, points(time, after));
     } else {
         chart.add("before", 1, Style::Line, points(time, before));
         chart.add("after", 0, Style::Line, points(time, after));
@@ -492,6 +547,7 @@ fn spectra(
         Chart::new("Spectrum over position", label("period, mm"), label("amplitude, N"))
             .logarithmic(true, false);
     let sides = residuals.sides();
+    let way = 1e3 * range_of(&position);
     // Peaks of the other side would lie on those of the one that matters.
     let labelled = residuals.worst().map(|side| side.name);
     for MissingCurve { name, colour, values, side, is_before } in before_then_after(&sides) {
@@ -502,13 +558,20 @@ fn spectra(
             over.into_iter().map(|(period, amplitude)| (period * 1e3, amplitude)).collect();
         over.sort_by(|a, b| a.0.total_cmp(&b.0));
         if is_before && labelled == Some(side) {
+            // Two frequencies nearer than this are one peak.
+            let apart = density.get(1).map_or(0.0, |second| second.0 - density[0].0);
             for peak in peaks(&density) {
-                time.label(peak, format!("{:.1} Hz", peak.0));
+                let at = known(peak.0, apart, "frequency", 1.0, model);
+                let decimals = if at.is_some() || apart < 0.1 { 1 } else { 0 };
+                time.label(peak, format!("{:.decimals$} Hz", at.unwrap_or(peak.0)));
             }
             for peak in peaks(&over) {
+                // And two periods, of which one cycle more or less fits on the way.
+                let apart = peak.0 * peak.0 / way;
+                let at = known(peak.0, apart, "period", 1e3, model);
                 let unit = residuals.joint.unit("mm");
-                let decimals = (2 - peak.0.log10().floor() as i32).clamp(0, 9) as usize;
-                space.label(peak, format!("{:.decimals$} {unit}", peak.0));
+                let digits = if at.is_some() { 3 } else { 2 };
+                space.label(peak, format!("{} {unit}", in_figures(at.unwrap_or(peak.0), digits)));
             }
         }
         time.add(name.clone(), colour, Style::Line, density);
@@ -543,6 +606,28 @@ fn spectra(
              a ball, a scale.",
         )?,
     ])
+}
+
+/// The value of a parameter of an effect, in a unit of so many to its own, that a peak may be: the
+/// nearest of those that are no farther from it than what the record can tell apart.
+fn known(peak: f64, apart: f64, name: &str, scale: f64, model: &StageModel) -> Option<f64> {
+    let values = model.effects.iter().filter_map(|effect| effect.values.get(name)?.number());
+    let near = values.map(|value| scale * value).filter(|value| (value - peak).abs() <= apart);
+    near.min_by(|a, b| (a - peak).abs().total_cmp(&(b - peak).abs()))
+}
+
+/// A number in so many significant figures, with those that are 0 at its end.
+fn in_figures(value: f64, figures: i32) -> String {
+    let decimals = (figures - 1 - value.abs().log10().floor() as i32).clamp(0, 9) as usize;
+    format!("{value:.decimals$}")
+}
+
+/// Largest less smallest of the values, of those that are finite.
+fn range_of(values: &[f64]) -> f64 {
+    let finite = values.iter().copied().filter(|value| value.is_finite());
+    let (low, high) = finite
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), value| (l.min(value), h.max(value)));
+    (high - low).max(0.0)
 }
 
 /// (place, mean, rms) of the bins of a coordinate. A bin ends where it has its share of the rows,

@@ -33,7 +33,8 @@ pub fn identified_model_file(model: &StageModel, summary: &Summary) -> Result<St
     }
     text += "# 95 % intervals:\n";
     for (name, found) in parameters(summary) {
-        let (value, unit) = (in_digits(found.value, found.ci95), &found.unit);
+        let value = in_digits(found.value, found.ci95);
+        let unit = if found.unit == "1" { "" } else { &found.unit };
         let interval = match found.ci95 {
             Some(ci95) => {
                 let [low, high] = ci95.map(|end| in_digits(end, found.ci95));
@@ -41,7 +42,8 @@ pub fn identified_model_file(model: &StageModel, summary: &Summary) -> Result<St
             }
             None => "none".to_owned(),
         };
-        let _ = writeln!(text, "#   {:32} {interval}", format!("{name} {value} {unit}").trim_end());
+        let what = format!("{name} {value} {unit}");
+        let _ = writeln!(text, "#   {:40} {interval}", what.trim_end());
     }
     if model.guides.len() > 1 {
         let _ = writeln!(text, "# {GUIDES_TOGETHER}");

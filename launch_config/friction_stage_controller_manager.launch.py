@@ -1,0 +1,67 @@
+"""What ros2_control runs above a stage: robot_state_publisher, controller_manager and its spawner.
+
+Included by friction_stage_ros2_control.launch.py and friction_stage_xy_ros2_control.launch.py, with
+the full paths of their files.
+"""
+
+from pathlib import Path
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
+from launch.conditions import IfCondition
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+
+ARGUMENTS = {
+    "description": "path of the URDF",
+    "controllers_file": "path of the parameter file of the whole stack",
+    "spawn": "names of the controllers to start, with blanks between them",
+}
+
+
+def stack(context):
+    description, controllers_file, spawn = (
+        LaunchConfiguration(name).perform(context) for name in ARGUMENTS
+    )
+    urdf = ParameterValue(Path(description).read_text(), value_type=str)
+    return [
+        Node(
+            package="robot_state_publisher",
+            executable="robot_state_publisher",
+            parameters=[controllers_file, {"robot_description": urdf}],
+            output="screen",
+            condition=IfCondition(LaunchConfiguration("robot_state_publisher")),
+        ),
+        Node(
+            package="controller_manager",
+            executable="ros2_control_node",
+            parameters=[controllers_file],
+            output="screen",
+            on_exit=Shutdown(reason="the controller manager has ended"),
+        ),
+        Node(
+            package="controller_manager",
+            executable="spawner",
+            arguments=[
+                *spawn.split(),
+                "--controller-manager",
+                "/controller_manager",
+                "--param-file",
+                controllers_file,
+            ],
+            output="screen",
+        ),
+    ]
+
+
+def generate_launch_description():
+    arguments = [DeclareLaunchArgument(name, description=text) for name, text in ARGUMENTS.items()]
+    publisher = DeclareLaunchArgument(
+        "robot_state_publisher",
+        default_value="true",
+        choices=["true", "false"],
+        description="whether to start it; without it another node must publish /robot_description, "
+        "which the controller manager waits for",
+    )
+    return LaunchDescription([*arguments, publisher, OpaqueFunction(function=stack)])

@@ -1,0 +1,105 @@
+//! A plain thread that waits for what is polled, parked in between.
+
+use std::{
+    marker::PhantomData,
+    sync::Arc,
+    task::{Context, Poll, Wake, Waker},
+    thread::{self, Thread},
+    time::Instant,
+};
+
+struct Unpark(Thread);
+
+impl Wake for Unpark {
+    fn wake(self: Arc<Self>) {
+        self.0.unpark();
+    }
+
+    fn wake_by_ref(self: &Arc<Self>) {
+        self.0.unpark();
+    }
+}
+
+/// Parks the thread that made it.
+pub struct Waiter {
+    waker: Waker,
+    /// Stays on its thread: another one would park itself and never be woken.
+    not_send: PhantomData<*const ()>,
+}
+
+impl Default for Waiter {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Waiter {
+    pub fn new() -> Self {
+        Self { waker: Waker::from(Arc::new(Unpark(thread::current()))), not_send: PhantomData }
+    }
+
+    /// Wakes the wait from another thread, so that it polls again: for stop flags and the like.
+    pub fn waker(&self) -> Waker {
+        self.waker.clone()
+    }
+
+    /// Polls until it is ready, parked in between; `None` when `deadline` has passed first.
+    pub fn wait<T>(
+        &self,
+        deadline: Option<Instant>,
+        mut poll: impl FnMut(&mut Context<'_>) -> Poll<T>,
+    ) -> Option<T> {
+        let mut context = Context::from_waker(&self.waker);
+        loop {
+            if let Poll::Ready(value) = poll(&mut context) {
+                return Some(value);
+            }
+            match deadline {
+                None => thread::park(),
+                Some(deadline) => {
+                    let left = deadline.saturating_duration_since(Instant::now());
+                    if left.is_zero() {
+                        return None;
+                    }
+                    thread::park_timeout(left);
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::{
+        sync::atomic::{AtomicBool, Ordering},
+        time::Duration,
+    };
+
+    use super::*;
+
+    #[test]
+    fn a_wait_ends_at_its_deadline() {
+        let start = Instant::now();
+        let limit = Duration::from_millis(20);
+        let nothing: Option<()> = Waiter::new().wait(Some(start + limit), |_| Poll::Pending);
+        assert_eq!(nothing, None);
+        assert!(start.elapsed() >= limit, "{:?}", start.elapsed());
+    }
+
+    #[test]
+    fn another_thread_wakes_a_wait_without_deadline() {
+        let waiter = Waiter::new();
+        let waker = waiter.waker();
+        let stop = Arc::new(AtomicBool::new(false));
+        let flag = Arc::clone(&stop);
+        let other = thread::spawn(move || {
+            flag.store(true, Ordering::SeqCst);
+            waker.wake();
+        });
+        let polled = waiter.wait(None, |_| {
+            if stop.load(Ordering::SeqCst) { Poll::Ready(1) } else { Poll::Pending }
+        });
+        assert_eq!(polled, Some(1));
+        other.join().unwrap();
+    }
+}
