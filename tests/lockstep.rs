@@ -166,9 +166,9 @@ fn trace_over_ros_is_the_trace_in_one_process_bit_for_bit() {
         .args(["replay", bag.to_str().unwrap()])
         .output()
         .unwrap();
-    let told = String::from_utf8_lossy(&changed.stdout);
-    assert_eq!(changed.status.code(), Some(3), "{told}");
-    assert!(told.contains("model, seed, forces or samples were changed"), "{told}");
+    let printed = String::from_utf8_lossy(&changed.stdout);
+    assert_eq!(changed.status.code(), Some(3), "{printed}");
+    assert!(printed.contains("model, seed, forces or samples were changed"), "{printed}");
 }
 
 /// The controller node with what it knows of the stage is the compensation in one process.

@@ -310,8 +310,14 @@ pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         })
         .collect();
     let quality = |moves: &[Move]| {
-        motion_quality(moves, &followed)
-            .with_context(|| format!("{} lacks the samples of a move", args.record.display()))
+        motion_quality(moves, &followed).with_context(|| {
+            format!(
+                "{} has no sample of a move that begins at {} s: the recording lacks it, or the \
+                 move is shorter than the time between two samples",
+                args.record.display(),
+                moves.first().map_or(f64::NAN, |one| one.start as f64 * 1e-9)
+            )
+        })
     };
     let each: Vec<MotionQuality> = moves
         .iter()

@@ -1,11 +1,11 @@
-//! What services, live page and lifecycle tell the loop of a node.
+//! What services, live page and lifecycle ask of the loop of a node.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
 
 use tokio::sync::oneshot;
 
-/// What the rest of the process tells a node's loop.
+/// What the rest of the process asks of a node's loop.
 #[derive(Debug)]
 pub enum Control {
     Enable(bool),

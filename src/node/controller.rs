@@ -112,8 +112,10 @@ struct Status {
     /// Peak of late of the delay of samples, us, and the share of the bandwidth that is left, 1e-6.
     delay_us: AtomicU64,
     share_ppm: AtomicU64,
-    /// What the supervision warns about now, and why it stopped the loop.
+    /// What the supervision warns about now, what is an error of a loop that it is not to stop, and
+    /// why it stopped the loop.
     warning: Mutex<Option<String>>,
+    error: Mutex<Option<String>>,
     fault: Mutex<Option<String>>,
     last_refusal: Recent,
     real_time: bool,
@@ -147,6 +149,7 @@ impl Status {
             && phase != Phase::Answered
         {
             *lock(&self.warning) = None;
+            *lock(&self.error) = None;
             self.share_ppm.store(0, Ordering::Relaxed);
             self.delay_us.store(0, Ordering::Relaxed);
         }
@@ -182,6 +185,11 @@ impl Status {
         }
     }
 
+    /// Why the supervision stopped the loop, if it did.
+    fn stopped(&self) -> Option<String> {
+        lock(&self.fault).clone()
+    }
+
     fn diagnostic(&self, name: &str) -> DiagnosticStatus {
         let values = [
             ("answered_samples", &self.answered),
@@ -205,7 +213,7 @@ impl Status {
         let late = late.filter(|_| idle.is_none());
         let silence = idle.as_ref().filter(|(_, is_wrong)| *is_wrong).map(|(words, _)| words);
         let warnings = [of_loop, late, silence.cloned(), self.last_refusal.get()];
-        let fault = lock(&self.fault).clone();
+        let fault = self.stopped().or_else(|| lock(&self.error).clone());
         let level = if fault.is_some() {
             DiagnosticStatus::ERROR
         } else if warnings.iter().any(Option::is_some) {
@@ -398,11 +406,12 @@ fn diagnose(
         loop {
             interval.tick().await;
             let header = Header::new(clock::system(), "");
-            let status = status.diagnostic(&name);
             if let Some(lifecycle) = &lifecycle {
-                lifecycle.looked(status.fault());
+                // A loop that the supervision is not to stop is not deactivated either.
+                lifecycle.looked(status.stopped().as_deref());
             }
-            let _ = outlet.publish(DiagnosticArray { header, status: vec![status] });
+            let status = vec![status.diagnostic(&name)];
+            let _ = outlet.publish(DiagnosticArray { header, status });
         }
     })
 }
@@ -764,11 +773,11 @@ impl ControllerLoop {
         let cause = match health {
             Health::Fine => {
                 *lock(&self.status.warning) = None;
-                self.forgive();
+                *lock(&self.status.error) = None;
                 return;
             }
             Health::Warning(cause) => {
-                self.forgive();
+                *lock(&self.status.error) = None;
                 let warning = cause.to_string();
                 let mut last = lock(&self.status.warning);
                 if last.is_none() {
@@ -780,11 +789,10 @@ impl ControllerLoop {
             Health::Stop(cause) => cause,
         };
         if !self.watch.stops && cause != Cause::NotFinite {
-            let mut fault = lock(&self.status.fault);
-            if fault.is_none() {
-                tracing::error!("{cause}; the loop goes on (supervision.enabled is false)");
+            let last = lock(&self.status.error).replace(cause.to_string());
+            if last.is_none() {
+                tracing::error!("{cause}; the loop continues (supervision.enabled is false)");
             }
-            *fault = Some(cause.to_string());
             return;
         }
         self.give_up_measurement(&format!("the supervision stopped the stage: {cause}"));
@@ -793,6 +801,7 @@ impl ControllerLoop {
              what is allowed)"
         );
         *lock(&self.status.warning) = None;
+        *lock(&self.status.error) = None;
         *lock(&self.status.fault) = Some(format!("stopped: {cause}"));
         self.give_up(follow::PATH_TOLERANCE_VIOLATED, &format!("Aborted: {cause}"));
         let settings = self.controller.settings();
@@ -802,13 +811,6 @@ impl ControllerLoop {
         self.held.output = stop.force(velocity).unwrap_or(0.0);
         self.watch.stopping = Some(stop);
         self.forget();
-    }
-
-    /// What a loop that is not to be stopped was blamed for is over.
-    fn forgive(&self) {
-        if !self.watch.stops {
-            *lock(&self.status.fault) = None;
-        }
     }
 
     /// Computes and answers the last sample.

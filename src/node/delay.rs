@@ -7,7 +7,9 @@
 
 /// Farther from the system clock than this, a stamp is of simulated time, ns.
 const SIMULATED: i64 = 60_000_000_000;
-/// The least delay is that of this time at least, and of twice as much at most, ns.
+/// The least delay is that of this time at least, and of about twice as much at most, ns. A loop that
+/// is faster than its samples has soon taken all that wait; the delay of one that is slower grows
+/// beyond the least of this time.
 const REMEMBERED: i64 = 4_000_000_000;
 /// A peak falls to a third of itself within this time, s.
 const FADES: f64 = 0.5;
@@ -71,7 +73,7 @@ mod tests {
         assert!((0.3..0.45).contains(&(later / peak)), "{later}");
     }
 
-    /// As after a stage was stopped for a second and goes on: its time does.
+    /// As after a stage was stopped for a second: its time continues from where it was.
     #[test]
     fn stamps_that_lag_for_good_are_late_for_some_seconds_only() {
         let (mut delay, start, ms) = (Delay::default(), 1_700_000_000_000_000_000, 1_000_000);

@@ -9,7 +9,7 @@ pub mod arguments;
 mod assignment;
 pub mod clock;
 pub mod commands;
-mod control;
+pub mod control;
 pub mod controller;
 pub mod controller_settings;
 mod delay;

@@ -37,8 +37,8 @@ const NAP: Duration = Duration::from_millis(2);
 /// Longest wait, when a bag is opened, for a controller that is there: discovery on one machine
 /// takes 0.1 s.
 const FIND: Duration = Duration::from_millis(300);
-/// Longest wait for the first state of a controller that was found, where time goes on: what it
-/// tells before it has found the recorder, too, does not arrive.
+/// Longest wait for the first state of a controller that was found, while samples are published:
+/// a state that it sends before it has found the recorder does not arrive.
 const FIRST_STATE: Duration = Duration::from_secs(1);
 /// A state whose stamp is further from the stage's time has the log time of its arrival, ns.
 const NEAR: i64 = 10_000_000_000;
@@ -123,7 +123,7 @@ pub struct RecorderStatus {
 }
 
 impl RecorderStatus {
-    /// States of a controller have arrived in the open bag.
+    /// States of a controller have come since the bag was opened.
     pub fn hears_controller(&self) -> bool {
         self.heard.load(Ordering::Relaxed) > i64::MIN
     }
@@ -161,7 +161,7 @@ pub struct RecorderSetup {
     pub names: StageNames,
     /// How to write the bags, with their provenance.
     pub options: BagOptions,
-    /// Where the stage says which sample it is at: the time of messages without a stamp.
+    /// Where the stage says which sample it is at: the time of messages of peers.
     pub stage: Arc<StageStatus>,
     /// The same before the first sample, ns.
     pub start: i64,
@@ -286,9 +286,7 @@ impl Recorder {
             bag: None,
             controller: None,
             heard,
-            since: i64::MIN,
-            first_answered: None,
-            has_states: false,
+            since: None,
             answered: i64::MIN,
             last_force: None,
             last_tick: None,
@@ -317,12 +315,8 @@ struct Work {
     controller: Option<Listener>,
     /// Messages that the loop handed over.
     heard: Arc<Mutex<Vec<(i64, Heard)>>>,
-    /// Stamp of the last sample before the bag, ns.
-    since: i64,
-    /// Stamp of the first force of a sample in the bag, ns: a state of its sample comes with it.
-    first_answered: Option<i64>,
-    /// A state of the controller is in the bag.
-    has_states: bool,
+    /// Stamp of the first tick in the bag, ns.
+    since: Option<i64>,
     /// Stamp of the last force, ns.
     answered: i64,
     /// The last force in the bag.
@@ -469,7 +463,7 @@ impl Work {
         // Of before the bag was open.
         while self.ring.pop().is_ok() {}
         lock(&self.heard).clear();
-        (self.first_answered, self.has_states) = (None, false);
+        self.since = None;
         self.answered = i64::MIN;
         self.last_force = None;
         self.last_tick = None;
@@ -485,7 +479,6 @@ impl Work {
                 self.setup.topics.controller_state
             ),
         }
-        self.since = self.setup.stage.stamp.load(Ordering::Relaxed);
         self.status.recording.store(true, Ordering::Release);
         Ok(())
     }
@@ -526,6 +519,7 @@ impl Work {
             if let Some(last) = self.last_tick.replace(index) {
                 self.miss(index.saturating_sub(last + 1));
             }
+            self.since.get_or_insert(tick.stamp);
             self.write(|bag, names| bag.write_tick(&tick, names));
             self.status.written.store(tick.stamp, Ordering::Relaxed);
         }
@@ -533,10 +527,7 @@ impl Work {
         for (time, message) in heard {
             if let Heard::Force(force) = &message {
                 // Nothing is answered before it was sampled.
-                self.answered = force.header.stamp.to_nanos().min(time);
-                if self.answered > self.since {
-                    self.first_answered.get_or_insert(self.answered);
-                }
+                self.answered = self.answered.max(force.header.stamp.to_nanos().min(time));
                 // A controller that heard its sample again answers it again.
                 if self.last_force.as_ref().is_some_and(|last| last == force) {
                     continue;
@@ -545,7 +536,10 @@ impl Work {
             }
             self.write(|bag, _| bag.write_heard(time, &message));
         }
-        while let Some((state, missing)) = self.controller.as_mut().and_then(Listener::take) {
+        // A state may come before the tick of its sample has: it waits for the first one.
+        while self.since.is_some()
+            && let Some((state, missing)) = self.controller.as_mut().and_then(Listener::take)
+        {
             self.miss(missing);
             self.write_state(state);
         }
@@ -573,13 +567,9 @@ impl Work {
     fn write_state(&mut self, state: ControllerState) {
         let stamp = state.header.stamp.to_nanos();
         let now = self.setup.stage.stamp.load(Ordering::Relaxed).max(self.setup.start);
-        if stamp <= self.since {
+        // Of a sample before the bag.
+        if self.since.is_none_or(|first| stamp < first) {
             return;
-        }
-        if !std::mem::replace(&mut self.has_states, true)
-            && let Some(first) = self.first_answered
-        {
-            self.miss(((stamp - first).clamp(0, NEAR) / self.setup.period.max(1)) as u64);
         }
         let time = if now.abs_diff(stamp) <= NEAR as u64 { stamp } else { now };
         self.write(|bag, _| bag.write_heard(time, &Heard::ControllerState(state)));
@@ -648,7 +638,10 @@ impl Listener {
         )?;
         let inlet =
             Inlet::<ControllerState>::new(&participant, &setup.topics.controller_state, &HEARD)?;
+        let stamp = || setup.stage.stamp.load(Ordering::Relaxed);
+        let before = stamp();
         let is_found = participant.watch().wait_for_matches(inlet.guid(), 1, FIND) > 0;
+        let samples_come = stamp() != before;
         let mut listener = Listener {
             inlet,
             last: None,
@@ -659,7 +652,7 @@ impl Listener {
             period: setup.period,
             taken: Instant::now(),
         };
-        if is_found {
+        if is_found && samples_come {
             listener.meet();
         }
         Ok(listener)

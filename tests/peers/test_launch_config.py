@@ -337,7 +337,7 @@ def test_launch_describes_it(file):
 
 
 def programs_of(name: str, **arguments: str) -> list[str]:
-    """The programs that a launch file starts, each with its namespace and the name of its node."""
+    """The programs that a launch file starts."""
     description, context = described(FILES / name)
     from launch_ros.actions import Node
 

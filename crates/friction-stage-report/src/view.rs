@@ -179,7 +179,7 @@ fn setpoints(value: Value, runs: &[ViewedRun], names: &[String]) -> Vec<Series> 
             false => format!("setpoint of {}", curve.name),
         },
         style: Style::Dashed,
-        // That of all runs has the colour of none.
+        // That of all runs is grey.
         colour: if is_one { SETPOINT } else { curve.colour },
         ..curve
     };

@@ -93,7 +93,7 @@ pub struct Follower {
 /// Positions, m, speeds, m/s, and accelerations, m/s^2, that no stage reaches: a reference beyond
 /// them is a slip, and controllers compute with its squares.
 const LARGEST: [(&str, f64); 3] = [("position", 1e6), ("velocity", 1e6), ("acceleration", 1e9)];
-/// The same of efforts, N: between two finite ones of opposite signs there may be none.
+/// The same of efforts, N: interpolation between larger ones of opposite signs overflows.
 const LARGEST_EFFORT: f64 = 1e9;
 
 #[derive(Clone, Debug)]

@@ -20,7 +20,7 @@ const HOLE: f64 = 1.5;
 /// The rows of a bag. A value is that of the first place of its signal that has one for the stamp.
 pub(super) fn trace_by_stamp(reader: &BagReader) -> Result<Trace, SignalError> {
     let mapping = Mapping::own_bag(reader.provenance(), reader.namespace());
-    let told = format!("{}{}", reader.namespace(), topics::CONTROLLER_STATE);
+    let report = format!("{}{}", reader.namespace(), topics::CONTROLLER_STATE);
     let places = |signal: Signal| -> Vec<SignalSource> {
         let all = mapping.signals.get(&signal).into_iter().flatten();
         let mut there: Vec<_> = all.filter(|source| has_samples(reader, source)).cloned().collect();
@@ -28,9 +28,9 @@ pub(super) fn trace_by_stamp(reader: &BagReader) -> Result<Trace, SignalError> {
         if let Some(acted) = there.iter().position(|source| source.place.ends_interval()) {
             there = vec![there.swap_remove(acted)];
         }
-        // Of a sample that it did not answer, a controller tells what it would have done.
+        // A controller also reports samples that it did not answer.
         if signal == Signal::Force && there.len() > 1 {
-            there.retain(|source| !source.place.is_of_topic(&told));
+            there.retain(|source| !source.place.is_of_topic(&report));
         }
         there
     };
@@ -45,6 +45,11 @@ pub(super) fn trace_by_stamp(reader: &BagReader) -> Result<Trace, SignalError> {
     let streams = read_bag(reader, &requests, None, Span::default())?;
     let columns = columns(&wanted, &requests, &streams);
     let rows = rows(&columns);
+    if columns.iter().all(|column| {
+        column.signal != Signal::Position || column.values.iter().all(|value| value.is_nan())
+    }) {
+        return Err(missing(reader, Signal::Position, &mapping));
+    }
     let mut trace = Trace { origin_ns: rows.first().copied().unwrap_or(0), ..Trace::default() };
     trace.time = rows.iter().map(|stamp| (stamp - trace.origin_ns) as f64 * 1e-9).collect();
     let of_trace = [
@@ -77,6 +82,9 @@ struct Column<'a> {
     stamps: &'a [i64],
     values: &'a [f64],
     ends_interval: bool,
+    /// Of several values with one stamp the last number counts: what came before it was not the
+    /// answer. Else the first value.
+    last_counts: bool,
 }
 
 /// The columns of the places that were wanted, in their order: the first has the first say.
@@ -93,6 +101,7 @@ fn columns<'a>(
                 stamps: &stream.stamps,
                 values: &stream.values[at],
                 ends_interval: stream.ends_interval,
+                last_counts: one.1.place.is_by_log_time(),
             })
         })
     };
@@ -115,8 +124,10 @@ fn at_rows(rows: &[i64], columns: &[Column], signal: Signal) -> Vec<f64> {
     for column in columns.iter().filter(|column| column.signal == signal) {
         let mut known: HashMap<i64, f64> = HashMap::with_capacity(column.values.len());
         for (stamp, value) in column.stamps.iter().zip(column.values) {
-            // Of several messages with one stamp the first counts.
-            known.entry(*stamp).or_insert(*value);
+            let first = known.entry(*stamp).or_insert(*value);
+            if column.last_counts && !value.is_nan() {
+                *first = *value;
+            }
         }
         let stamps = if column.ends_interval { ends(rows) } else { rows.to_vec() };
         for (place, stamp) in at_rows.iter_mut().zip(stamps).filter(|(place, _)| place.is_nan()) {
@@ -146,7 +157,7 @@ mod tests {
         values: &'a [f64],
         ends_interval: bool,
     ) -> Column<'a> {
-        Column { signal, stamps, values, ends_interval }
+        Column { signal, stamps, values, ends_interval, last_counts: false }
     }
 
     #[test]
@@ -160,6 +171,15 @@ mod tests {
         assert_eq!(rows, [10, 20, 30]);
         assert_eq!(at_rows(&rows, &streams, Signal::Position), [1.0, 2.0, 3.0]);
         assert_eq!(at_rows(&rows, &streams, Signal::Force), [4.0, 5.0, 7.0]);
+    }
+
+    /// As joint commands in lockstep: those that were on their way, one without a number, the answer.
+    #[test]
+    fn of_commands_with_one_log_time_the_last_number_counts() {
+        let (stamps, values) = ([10, 20, 20, 20], [1.0, 2.0, f64::NAN, 3.0]);
+        let commands =
+            Column { last_counts: true, ..column(Signal::Force, &stamps, &values, false) };
+        assert_eq!(at_rows(&[10, 20], &[commands], Signal::Force), [1.0, 3.0]);
     }
 
     #[test]

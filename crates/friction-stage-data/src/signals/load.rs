@@ -81,7 +81,7 @@ impl<'a> Origin<'a> {
     }
 
     /// The places of a signal that the recording has; those of a mapping file in any case, so that
-    /// a missing one shows. Of several, those whose messages have the field: types get more.
+    /// a missing one shows. Of several, those whose messages have the field: older ones lack some.
     fn candidates(&self, signal: Signal) -> impl Iterator<Item = SignalSource> {
         let asked_for = self.mapping.asked_for;
         let places = self.mapping.signals.get(&signal).map_or(&[][..], Vec::as_slice);

@@ -140,6 +140,11 @@ impl Place {
         matches!(self, Place::Topic { stamp: Stamp::IntervalEnd, .. })
     }
 
+    /// Whether its stamps are when the messages were recorded.
+    pub(super) fn is_by_log_time(&self) -> bool {
+        matches!(self, Place::Topic { stamp: Stamp::LogTime, .. })
+    }
+
     /// Whether it is a field of the messages of a topic.
     pub(super) fn is_of_topic(&self, name: &str) -> bool {
         matches!(self, Place::Topic { topic, .. } if topic == name)

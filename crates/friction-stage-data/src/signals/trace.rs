@@ -95,10 +95,12 @@ impl Trace {
     /// Rows are the samples of `/stage/encoder`, on their own stamps: [`load`](super::load) brings
     /// the same signals onto a grid. The reference of a row comes from the one-point
     /// `/stage/setpoint` of its stamp, else from the `/controller/state` of its stamp; the force
-    /// from the `/stage/force` of its stamp, else from the last of `/stage/joint_commands` with its
-    /// log time, and of a stage in real time from what acted. Of several messages with one stamp
-    /// the first counts. A bag without encoder, or with a damaged place, is an error. A namespace
-    /// of the nodes stands before all names.
+    /// from the `/stage/force` of its stamp, else from the last of `/stage/joint_commands` or
+    /// `/stage/commands` with its log time, where none of these is recorded from the output of the
+    /// controller, and of a stage in real time from what acted. The force cell comes from its own
+    /// topic, else from the effort of the encoder's. Of several messages with one stamp the first
+    /// counts. A bag without positions, with a value that no unit can mean, or with a damaged place
+    /// is an error. A namespace of the nodes stands before all names.
     pub fn from_bag(path: impl AsRef<Path>) -> Result<Self, SignalError> {
         Self::from_reader(&BagReader::open(path)?)
     }
@@ -174,7 +176,10 @@ mod tests {
         let text = std::fs::read_to_string(&path).unwrap();
         let mut lines = text.lines();
         assert_eq!(lines.next(), Some(COLUMNS.join(",").as_str()));
-        for (row, line) in lines.enumerate() {
+        let rows: Vec<&str> = lines.collect();
+        assert_eq!(rows.len(), example().len());
+        for (row, line) in rows.into_iter().enumerate() {
+            assert_eq!(line.split(',').count(), COLUMNS.len(), "{line}");
             for (field, column) in line.split(',').zip(example().columns()) {
                 let read = if field.is_empty() { f64::NAN } else { field.parse().unwrap() };
                 assert_eq!(read.to_bits(), column[row].to_bits(), "row {row}: {line}");

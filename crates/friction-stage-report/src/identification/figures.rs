@@ -229,8 +229,9 @@ pub fn identification_figures(
         let sides = holdout.sides_that_miss();
         if let Some(worst) = sides.first() {
             let half = NOISE_BAND * worst.floor;
-            chart.band("noise of a row, 95 %", Axis::Y, -half, half);
-            spread.band("noise of the sensors, rms", Axis::Y, 0.0, worst.floor);
+            let noise = |what: &str| format!("noise, {}, {what}", worst.name);
+            chart.band(noise("95 %"), Axis::Y, -half, half);
+            spread.band(noise("rms"), Axis::Y, 0.0, worst.floor);
             spread.y_least = Some(0.0);
         }
         for curve in before_then_after(&sides) {
@@ -250,7 +251,7 @@ pub fn identification_figures(
         }
         let spread_out = match scale {
             Scale::Asinh(even) => format!(
-                " The axis is even up to {} and goes by decades beyond.",
+                " The axis is even up to {}, and logarithmic beyond.",
                 with_unit(even, &axis(joint, label))
             ),
             Scale::Linear | Scale::Log => String::new(),
@@ -562,8 +563,8 @@ fn spectra(
             let apart = density.get(1).map_or(0.0, |second| second.0 - density[0].0);
             for peak in peaks(&density) {
                 let at = known(peak.0, apart, "frequency", 1.0, model);
-                let decimals = if at.is_some() || apart < 0.1 { 1 } else { 0 };
-                time.label(peak, format!("{:.decimals$} Hz", at.unwrap_or(peak.0)));
+                let figures = if at.is_some() { 3 } else { 2 };
+                time.label(peak, format!("{} Hz", in_figures(at.unwrap_or(peak.0), figures)));
             }
             for peak in peaks(&over) {
                 // And two periods, of which one cycle more or less fits on the way.
@@ -608,11 +609,16 @@ fn spectra(
     ])
 }
 
+/// Part of a peak's place by which an effect may be off that it is the peak of.
+const KNOWN_WITHIN: f64 = 0.1;
+
 /// The value of a parameter of an effect, in a unit of so many to its own, that a peak may be: the
 /// nearest of those that are no farther from it than what the record can tell apart.
 fn known(peak: f64, apart: f64, name: &str, scale: f64, model: &StageModel) -> Option<f64> {
     let values = model.effects.iter().filter_map(|effect| effect.values.get(name)?.number());
-    let near = values.map(|value| scale * value).filter(|value| (value - peak).abs() <= apart);
+    // One that is 0 is that of no ripple.
+    let there = values.map(|value| scale * value).filter(|value| *value > 0.0);
+    let near = there.filter(|value| (value - peak).abs() <= apart.min(KNOWN_WITHIN * peak));
     near.min_by(|a, b| (a - peak).abs().total_cmp(&(b - peak).abs()))
 }
 
