@@ -7,9 +7,9 @@
 
 /// Farther from the system clock than this, a stamp is of simulated time, ns.
 const SIMULATED: i64 = 60_000_000_000;
-/// The least delay is that of this time at least, and of about twice as much at most, ns. A loop that
-/// is faster than its samples has soon taken all that wait; the delay of one that is slower grows
-/// beyond the least of this time.
+/// The least delay is that of this time at least, and of about twice as much at most, ns. A loop
+/// that is faster than its samples has soon taken all that wait; the delay of one that is slower
+/// grows beyond the least of this time.
 const REMEMBERED: i64 = 4_000_000_000;
 /// A peak falls to a third of itself within this time, s.
 const FADES: f64 = 0.5;

@@ -173,7 +173,7 @@ mod tests {
         assert_eq!(at_rows(&rows, &streams, Signal::Force), [4.0, 5.0, 7.0]);
     }
 
-    /// As joint commands in lockstep: those that were on their way, one without a number, the answer.
+    /// As joint commands in lockstep: those on their way, one without a number, the answer.
     #[test]
     fn of_commands_with_one_log_time_the_last_number_counts() {
         let (stamps, values) = ([10, 20, 20, 20], [1.0, 2.0, f64::NAN, 3.0]);
