@@ -18,10 +18,20 @@ WITHIN = 1e-3
 DEMO = ["--guides", "guide_2", "--rest", "0.2", "--fine-steps", "1"]
 
 
+# Ends with the process that started it, also where that is killed.
+LOOP = """
+import os
+parent = os.getppid()
+while os.getppid() == parent:
+    for _ in range(1_000_000):
+        pass
+"""
+
+
 @pytest.fixture
 def busy() -> Iterator[None]:
-    """Busy loops beside the test, at the priority of any program."""
-    loops = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(BUSY)]
+    """Busy loops next to the test, at the priority of any program."""
+    loops = [subprocess.Popen([sys.executable, "-c", LOOP]) for _ in range(BUSY)]
     try:
         yield
     finally:
