@@ -16,12 +16,13 @@ from launch_ros.parameter_descriptions import ParameterValue
 ARGUMENTS = {
     "description": "path of the URDF",
     "controllers_file": "path of the parameter file of the whole stack",
-    "spawn": "names of the controllers to start, with blanks between them",
+    "broadcasters": "names of the broadcasters to start, with blanks between them",
 }
+CONTROLLERS = ["joint_trajectory_controller", "forward_command_controller", "pid_controller"]
 
 
 def stack(context):
-    description, controllers_file, spawn = (
+    description, controllers_file, broadcasters = (
         LaunchConfiguration(name).perform(context) for name in ARGUMENTS
     )
     urdf = ParameterValue(Path(description).read_text(), value_type=str)
@@ -44,7 +45,8 @@ def stack(context):
             package="controller_manager",
             executable="spawner",
             arguments=[
-                *spawn.split(),
+                *broadcasters.split(),
+                LaunchConfiguration("controller"),
                 "--controller-manager",
                 "/controller_manager",
                 "--param-file",
@@ -57,6 +59,12 @@ def stack(context):
 
 def generate_launch_description():
     arguments = [DeclareLaunchArgument(name, description=text) for name, text in ARGUMENTS.items()]
+    controller = DeclareLaunchArgument(
+        "controller",
+        default_value=CONTROLLERS[0],
+        choices=CONTROLLERS,
+        description="controller that commands the joints",
+    )
     publisher = DeclareLaunchArgument(
         "robot_state_publisher",
         default_value="true",
@@ -64,4 +72,6 @@ def generate_launch_description():
         description="whether to start it; without it another node must publish /robot_description, "
         "which the controller manager waits for",
     )
-    return LaunchDescription([*arguments, publisher, OpaqueFunction(function=stack)])
+    return LaunchDescription(
+        [*arguments, controller, publisher, OpaqueFunction(function=stack)]
+    )

@@ -14,14 +14,12 @@ computed from is the hardware plugin's chance: a run does not repeat bit for bit
 from pathlib import Path
 
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
+from launch.actions import IncludeLaunchDescription
 from launch.launch_description_sources import PythonLaunchDescriptionSource
-from launch.substitutions import LaunchConfiguration
 
 HERE = Path(__file__).parent
 # One file for the whole stack, so that rates that must fit each other stand in one place.
 CONTROLLERS_FILE = str(HERE / "friction_stage_controllers.yaml")
-CONTROLLERS = ["joint_trajectory_controller", "forward_command_controller", "pid_controller"]
 
 
 def included(name, **arguments):
@@ -30,21 +28,13 @@ def included(name, **arguments):
 
 
 def generate_launch_description():
-    controller = DeclareLaunchArgument(
-        "controller",
-        default_value=CONTROLLERS[0],
-        choices=CONTROLLERS,
-        description="controller that commands the stage",
-    )
-    spawn = ["joint_state_broadcaster force_cell_broadcaster ", LaunchConfiguration("controller")]
     stack = {
         "description": str(HERE / "friction_stage.urdf"),
         "controllers_file": CONTROLLERS_FILE,
-        "spawn": spawn,
+        "broadcasters": "joint_state_broadcaster force_cell_broadcaster",
     }
     return LaunchDescription(
         [
-            controller,
             # First, so that an argument that it refuses leaves no stage behind.
             included("friction_stage_controller_manager.launch.py", **stack),
             included("friction_stage_stage_only.launch.py", params_file=CONTROLLERS_FILE),

@@ -11,13 +11,11 @@ would publish /clock (docs/how-to/several-axes.md).
 from pathlib import Path
 
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
+from launch.actions import IncludeLaunchDescription
 from launch.launch_description_sources import PythonLaunchDescriptionSource
-from launch.substitutions import LaunchConfiguration
 
 HERE = Path(__file__).parent
 CONTROLLERS_FILE = str(HERE / "friction_stage_xy_controllers.yaml")
-CONTROLLERS = ["joint_trajectory_controller", "forward_command_controller", "pid_controller"]
 
 
 def included(name, **arguments):
@@ -26,21 +24,14 @@ def included(name, **arguments):
 
 
 def generate_launch_description():
-    controller = DeclareLaunchArgument(
-        "controller",
-        default_value=CONTROLLERS[0],
-        choices=CONTROLLERS,
-        description="controller that commands both axes",
-    )
     stages = {"params_file": CONTROLLERS_FILE, "controller_node": "false"}
     stack = {
         "description": str(HERE / "friction_stage_xy.urdf"),
         "controllers_file": CONTROLLERS_FILE,
-        "spawn": ["joint_state_broadcaster ", LaunchConfiguration("controller")],
+        "broadcasters": "joint_state_broadcaster",
     }
     return LaunchDescription(
         [
-            controller,
             # First, so that an argument that it refuses leaves no stage behind.
             included("friction_stage_controller_manager.launch.py", **stack),
             included("friction_stage_xy.launch.py", **stages),
