@@ -72,6 +72,4 @@ def generate_launch_description():
         description="whether to start it; without it another node must publish /robot_description, "
         "which the controller manager waits for",
     )
-    return LaunchDescription(
-        [*arguments, controller, publisher, OpaqueFunction(function=stack)]
-    )
+    return LaunchDescription([*arguments, controller, publisher, OpaqueFunction(function=stack)])

@@ -1,4 +1,4 @@
-"""The stage under a ros2_control stack, over topics: controller_manager, its spawner, robot_state_publisher.
+"""The stage under a ros2_control stack, over topics: manager, spawner, robot_state_publisher.
 
 ros2 launch friction_stage friction_stage_ros2_control.launch.py
 ros2 launch friction_stage friction_stage_ros2_control.launch.py mode:=lockstep controller:=pid_controller

@@ -8,21 +8,20 @@ import os
 import re
 import subprocess
 import sys
-import tomllib
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import tomllib
 import yaml
+from conftest import BINARIES
 from control_msgs.msg import JointCommand
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.clock import Clock, ClockType
-from sensor_msgs.msg import JointState
-
-from conftest import BINARIES
 from ros import TOPICS
+from sensor_msgs.msg import JointState
 from topic_hardware import COMMANDS, STATES
 
 ROOT = Path(__file__).parents[2]
