@@ -443,6 +443,7 @@
       context.save();
       context.strokeStyle = ink("--soft");
       context.lineWidth = devicePixelRatio;
+      context.setLineDash([]);
       context.beginPath();
       for (const band of this.chart.bands.filter((band) => band.axis === "y" && band.low < band.high)) {
         for (const edge of [band.low, band.high].filter((v) => v > scale.min && v < scale.max)) {
