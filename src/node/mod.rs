@@ -7,6 +7,7 @@
 mod action;
 pub mod arguments;
 mod assignment;
+mod beyond_multicast;
 pub mod clock;
 pub mod commands;
 pub mod control;
@@ -50,6 +51,7 @@ mod stage_outlets;
 mod stage_realtime;
 pub mod stage_settings;
 pub mod stage_status;
+mod static_peers;
 pub mod std_srvs;
 mod uninterrupted;
 pub mod waiter;

@@ -10,6 +10,7 @@ use std::{
     sync::{Arc, Mutex, MutexGuard, PoisonError},
 };
 
+use anyhow::Context as _;
 use ros2_client::{Context, Name, Node, NodeName, NodeOptions, names::NameError};
 use rustdds::no_key::DataWriterCdr;
 use rustdds::{
@@ -23,7 +24,7 @@ use super::graph_watch::GraphWatch;
 use super::qos::Qos;
 use super::qos_overrides::QosOverrides;
 pub use super::reach::Reach;
-use super::{socket_filter, uninterrupted};
+use super::{socket_filter, static_peers, uninterrupted};
 
 /// Largest domain whose UDP ports exist: 7400 + 250 * domain + 11 must stay below 65536
 /// (DDSI-RTPS 2.5, 9.6.2.3).
@@ -154,21 +155,36 @@ impl Network {
     }
 }
 
-/// What `enclave`, or a variable, asks for that has no effect here, for a warning at the start.
+/// What `enclave`, or a variable, asks for that has no effect in `network`, for a warning at the
+/// start.
 pub fn without_effect(
+    network: Network,
     enclave: Option<&str>,
     variable: impl Fn(&str) -> Option<String>,
 ) -> Vec<String> {
     let enclave = enclave.map(|enclave| {
         format!("the enclave {enclave} has no effect: DDS security is not supported")
     });
-    let peers = set(&variable, "ROS_STATIC_PEERS").map(|peers| {
+    let peers = set(variable, "ROS_STATIC_PEERS").filter(|_| network.reach == Reach::Localhost);
+    let peers = peers.map(|peers| {
         format!(
-            "ROS_STATIC_PEERS is \"{peers}\" and has no effect: peers are found by multicast, and \
-             on this machine"
+            "ROS_STATIC_PEERS is \"{peers}\" and has no effect: the range is LOCALHOST, and only \
+             this machine is heard"
         )
     });
     enclave.into_iter().chain(peers).collect()
+}
+
+/// From now on this process announces its participants in `network` to the machines in
+/// `ROS_STATIC_PEERS`, too.
+///
+/// # Errors
+/// One of them has no address, or there is no socket to send from.
+pub fn announce_to_static_peers(network: Network) -> anyhow::Result<()> {
+    let names = set(environment, "ROS_STATIC_PEERS").filter(|_| network.reach == Reach::Subnet);
+    let peers = static_peers::resolve(&names.unwrap_or_default())?;
+    static_peers::announce_to(&peers, network.domain)
+        .context("cannot announce the node to the machines in ROS_STATIC_PEERS")
 }
 
 /// A variable of this process.
@@ -223,6 +239,12 @@ struct Inner {
     qos_overrides: QosOverrides,
 }
 
+impl Drop for Inner {
+    fn drop(&mut self) {
+        static_peers::remove(self.domain_participant.guid());
+    }
+}
+
 impl Participant {
     /// Joins `network` as node `name` in `namespace` (absolute, `/` for none).
     ///
@@ -256,6 +278,7 @@ impl Participant {
         uninterrupted::check()
             .map_err(|error| ParticipantError::Join { network, reason: error.to_string() })?;
         let domain_participant = network.domain_participant()?;
+        static_peers::add(domain_participant.guid());
         let context = Context::from_domain_participant(domain_participant.clone())
             .map_err(|e| ParticipantError::Join { network, reason: e.to_string() })?;
         let node =
@@ -451,10 +474,11 @@ mod tests {
     #[test]
     fn what_has_no_effect_is_named() {
         let peers = |name: &str| (name == "ROS_STATIC_PEERS").then(|| "10.0.0.1;box".to_owned());
-        let warnings = without_effect(Some("/lab"), peers);
+        let of = |reach, enclave| without_effect(Network { domain: 0, reach }, enclave, peers);
+        let warnings = of(Reach::Localhost, Some("/lab"));
         assert!(warnings[0].contains("/lab") && warnings[1].contains("10.0.0.1;box"));
         assert_eq!(warnings.len(), 2);
-        assert!(without_effect(None, |_| Some(String::new())).is_empty());
+        assert!(of(Reach::Subnet, None).is_empty());
     }
 
     #[test]

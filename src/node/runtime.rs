@@ -160,9 +160,11 @@ impl Startup {
     /// Joins the network that the environment names.
     pub fn join(&self) -> anyhow::Result<Participant> {
         let network = Network::from_environment()?;
-        for warning in participant::without_effect(self.arguments.enclave(), environment) {
+        let enclave = self.arguments.enclave();
+        for warning in participant::without_effect(network, enclave, environment) {
             tracing::warn!("{warning}");
         }
+        participant::announce_to_static_peers(network)?;
         let options = NodeOptions::new()
             .start_parameter_services(false)
             .enable_rosout(self.arguments.rosout_logs());

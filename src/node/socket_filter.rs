@@ -20,6 +20,9 @@
 //!
 //! What comes before its writer is known is [kept](early) and delivered again.
 //!
+//! Announcements of this process are [passed on](static_peers::pass_on) to machines that the user
+//! names.
+//!
 //! What subscribers acknowledge passes here as well, and the library does not say it: whoever
 //! [asks](on_acknowledgement) learns of it.
 //!
@@ -27,14 +30,17 @@
 //! 9.4.5. Why here and not in the kernel: `docs/decisions/0012-strangers.md`.
 
 use std::io;
+use std::net::Ipv4Addr;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+use std::sync::{Arc, LazyLock, Mutex, MutexGuard, PoisonError, Weak};
 
 use rustdds::GUID;
 
+use super::beyond_multicast;
 use super::early;
 use super::qos::LARGEST_WINDOW;
 use super::reach::Reach;
+use super::static_peers;
 
 /// Samples of this serialised size, in bytes, are not heard in fragments.
 pub const LARGEST_SAMPLE: usize = 1 << 20;
@@ -45,6 +51,9 @@ const LARGEST_FRAGMENT: u32 = 1 << 16;
 
 /// Index of the only interface that is heard, 0 for all of them.
 static INTERFACE: AtomicU32 = AtomicU32::new(0);
+
+/// Index of the loopback interface.
+static LOOPBACK: LazyLock<Option<u32>> = LazyLock::new(|| loopback().ok());
 
 /// Announcements of participants that have come.
 static ANNOUNCEMENTS: AtomicU64 = AtomicU64::new(0);
@@ -158,17 +167,31 @@ unsafe fn take(socket: libc::c_int, message: &libc::msghdr, length: usize) -> Op
     if !datagram.starts_with(b"RTPS") {
         return Some(length);
     }
-    let interface = INTERFACE.load(Ordering::Relaxed);
     // SAFETY: see above.
-    let is_near = interface == 0 || unsafe { came_through(message) } == Some(interface);
+    let way = unsafe { way_of(message) };
+    let interface = INTERFACE.load(Ordering::Relaxed);
+    let is_near = interface == 0 || way.is_some_and(|way| way.interface == interface);
     if !(is_near && is_harmless(datagram)) {
         return None;
     }
+    let is_multicast = way.is_some_and(|way| way.destination.is_multicast());
+    let is_from_here = way.is_none_or(|way| Some(way.interface) == *LOOPBACK);
+    // SAFETY: the kernel has written it there.
+    let source = place_of_source(message).map(|place| unsafe { place.read() });
+    let machine = source.filter(|_| !is_from_here).map(address_of);
+    if let Some((participant, number)) = announcement(datagram) {
+        static_peers::pass_on(participant, number, datagram);
+        if let Some(machine) = machine.filter(|_| !is_multicast) {
+            beyond_multicast::add(machine);
+        }
+    }
+    if machine.is_some_and(beyond_multicast::is) {
+        hide_multicast(datagram);
+    }
     number_announcements(datagram);
     report_acknowledgements(datagram);
-    if let (Some(writer), Some(place)) = (user_writer(datagram), place_of_source(message)) {
-        // SAFETY: the kernel has written it there.
-        early::keep(writer, datagram, unsafe { place.read() }, || port_of(socket));
+    if let (Some(writer), Some(source)) = (user_writer(datagram), source) {
+        early::keep(writer, datagram, source, || port_of(socket));
     }
     Some(length)
 }
@@ -177,6 +200,12 @@ unsafe fn take(socket: libc::c_int, message: &libc::msghdr, length: usize) -> Op
 fn place_of_source(message: &libc::msghdr) -> Option<*mut early::Source> {
     let is_one = message.msg_namelen as usize == size_of::<early::Source>();
     Some(message.msg_name.cast()).filter(|place: &*mut early::Source| is_one && !place.is_null())
+}
+
+/// The address of a `sockaddr_in`.
+fn address_of(source: early::Source) -> Ipv4Addr {
+    let &[_, _, _, _, a, b, c, d, ..] = &source;
+    Ipv4Addr::new(a, b, c, d)
 }
 
 /// The port that a socket is bound to.
@@ -192,11 +221,19 @@ fn port_of(socket: libc::c_int) -> Option<u16> {
     }
 }
 
-/// Index of the interface that a datagram came through, where the socket asks for it.
+/// How a datagram came.
+#[derive(Clone, Copy)]
+struct Way {
+    /// Index of the interface.
+    interface: u32,
+    destination: Ipv4Addr,
+}
+
+/// The way of a datagram, where the socket asks for it.
 ///
 /// # Safety
 /// `message` is what recvmsg(2) has filled in.
-unsafe fn came_through(message: &libc::msghdr) -> Option<u32> {
+unsafe fn way_of(message: &libc::msghdr) -> Option<Way> {
     // SAFETY: the kernel has filled in the control messages, which the macros of the C library walk
     // over; the payload of one of this kind may lie at any address.
     unsafe {
@@ -204,7 +241,9 @@ unsafe fn came_through(message: &libc::msghdr) -> Option<u32> {
         while let Some(header) = control.as_ref() {
             if (header.cmsg_level, header.cmsg_type) == (libc::IPPROTO_IP, libc::IP_PKTINFO) {
                 let info = libc::CMSG_DATA(header).cast::<libc::in_pktinfo>().read_unaligned();
-                return u32::try_from(info.ipi_ifindex).ok();
+                let interface = u32::try_from(info.ipi_ifindex).ok()?;
+                let destination = Ipv4Addr::from(info.ipi_addr.s_addr.to_ne_bytes());
+                return Some(Way { interface, destination });
             }
             control = libc::CMSG_NXTHDR(message, control);
         }
@@ -226,8 +265,10 @@ const NACK_FRAG: u8 = 0x12;
 const DATA: u8 = 0x15;
 const DATA_FRAG: u8 = 0x16;
 
-/// Entity of the writer of announcements (DDSI-RTPS 2.5, table 9.3).
+/// Entities of the writers of announcements: of participants, of their writers, of their readers
+/// (DDSI-RTPS 2.5, table 9.3).
 const ANNOUNCER: [u8; 4] = [0x00, 0x01, 0x00, 0xc2];
+const ENDPOINT_ANNOUNCERS: [[u8; 4]; 2] = [[0x00, 0x00, 0x03, 0xc2], [0x00, 0x00, 0x04, 0xc2]];
 
 /// Whether every submessage of an RTPS message is within the bounds of this file.
 fn is_harmless(message: &[u8]) -> bool {
@@ -242,12 +283,46 @@ fn is_harmless(message: &[u8]) -> bool {
     message.len() >= RTPS_HEADER
 }
 
+/// The submessages of a harmless RTPS message.
+fn submessages(message: &[u8]) -> impl Iterator<Item = Submessage<'_>> {
+    let mut rest = message.get(RTPS_HEADER..).unwrap_or(&[]);
+    std::iter::from_fn(move || {
+        let submessage = Submessage::first_of(rest)?;
+        rest = &rest[SUBMESSAGE_HEADER + submessage.body.len()..];
+        Some(submessage)
+    })
+}
+
+/// The participant that a harmless RTPS message is from.
+fn participant(message: &[u8]) -> Option<[u8; 12]> {
+    message.get(8..RTPS_HEADER)?.first_chunk().copied()
+}
+
+/// The participant that announces itself in a harmless RTPS message, and with which number.
+fn announcement(message: &[u8]) -> Option<([u8; 12], u64)> {
+    let announces = submessages(message).find(Submessage::is_announcement)?;
+    Some((participant(message)?, announces.number(12)?))
+}
+
+/// Hides the multicast addresses that the announcements in a harmless RTPS message name.
+fn hide_multicast(message: &mut [u8]) {
+    let mut at = RTPS_HEADER;
+    while let Some(submessage) = message.get(at..).and_then(Submessage::first_of) {
+        let (begin, length) = (at + SUBMESSAGE_HEADER, submessage.body.len());
+        if submessage.is_announcement() || submessage.is_announcement_of_endpoint() {
+            let flags = message[at + 1];
+            beyond_multicast::hide_multicast(&mut message[begin..begin + length], flags);
+        }
+        at = begin + length;
+    }
+}
+
 /// Gives every announcement of a participant in a harmless RTPS message a number of its own.
 fn number_announcements(message: &mut [u8]) {
     let mut at = RTPS_HEADER;
     while let Some(submessage) = message.get(at..).and_then(Submessage::first_of) {
         let (begin, length) = (at + SUBMESSAGE_HEADER, submessage.body.len());
-        if submessage.kind == DATA && submessage.body.get(8..12) == Some(&ANNOUNCER) {
+        if submessage.is_announcement() {
             let number = ANNOUNCEMENTS.fetch_add(1, Ordering::Relaxed) % LARGEST_NUMBER + 1;
             let words = [(number >> 32) as u32, number as u32];
             let bytes = match submessage.is_little_endian {
@@ -264,29 +339,25 @@ fn number_announcements(message: &mut [u8]) {
 /// users, not the discovery (DDSI-RTPS 2.5, 9.3.1.2).
 fn user_writer(message: &[u8]) -> Option<GUID> {
     const BUILT_IN_OR_OF_A_VENDOR: u8 = 0xc0;
-    let mut at = RTPS_HEADER;
-    while let Some(submessage) = message.get(at..).and_then(Submessage::first_of) {
+    submessages(message).find_map(|submessage| {
         let place = match submessage.kind {
-            DATA | DATA_FRAG => Some(8),
-            HEARTBEAT | GAP => Some(4),
-            _ => None,
+            DATA | DATA_FRAG => 8,
+            HEARTBEAT | GAP => 4,
+            _ => return None,
         };
-        let writer = place.and_then(|place| submessage.body.get(place..place + 4));
-        if let Some(writer) = writer.filter(|writer| writer[3] & BUILT_IN_OR_OF_A_VENDOR == 0) {
-            let bytes = [message.get(8..RTPS_HEADER)?, writer].concat();
-            return Some(GUID::from_bytes(bytes.try_into().ok()?));
+        let writer = submessage.body.get(place..place + 4)?;
+        if writer[3] & BUILT_IN_OR_OF_A_VENDOR != 0 {
+            return None;
         }
-        at += SUBMESSAGE_HEADER + submessage.body.len();
-    }
-    None
+        let bytes = [&participant(message)?, writer].concat();
+        Some(GUID::from_bytes(bytes.try_into().ok()?))
+    })
 }
 
 /// Calls the listeners with the acknowledgements in a harmless RTPS message.
 fn report_acknowledgements(message: &[u8]) {
     // Both are named by the participant, 12 bytes, and 4 bytes of their own.
-    let Some(&from) = message.get(8..RTPS_HEADER).and_then(<[u8]>::first_chunk::<12>) else {
-        return;
-    };
+    let Some(from) = participant(message) else { return };
     let guid = |participant: [u8; 12], own: &[u8; 4]| {
         let mut bytes = [0; 16];
         bytes[..12].copy_from_slice(&participant);
@@ -294,8 +365,7 @@ fn report_acknowledgements(message: &[u8]) {
         GUID::from_bytes(bytes)
     };
     let mut to = None;
-    let mut at = RTPS_HEADER;
-    while let Some(submessage) = message.get(at..).and_then(Submessage::first_of) {
+    for submessage in submessages(message) {
         let body = submessage.body;
         match submessage.kind {
             INFO_DST => to = body.first_chunk().copied(),
@@ -317,7 +387,6 @@ fn report_acknowledgements(message: &[u8]) {
             }
             _ => {}
         }
-        at += SUBMESSAGE_HEADER + body.len();
     }
 }
 
@@ -337,6 +406,15 @@ impl<'a> Submessage<'a> {
         let is_rest = length == 0 && ![PAD, INFO_TS].contains(&kind);
         let body = if is_rest { rest } else { rest.get(..length)? };
         Some(Submessage { kind, is_little_endian, body })
+    }
+
+    fn is_announcement(&self) -> bool {
+        self.kind == DATA && self.body.get(8..12) == Some(&ANNOUNCER)
+    }
+
+    fn is_announcement_of_endpoint(&self) -> bool {
+        let writer = self.body.get(8..12);
+        self.kind == DATA && ENDPOINT_ANNOUNCERS.iter().any(|of| writer == Some(of))
     }
 
     /// `None` where a number lies beyond the submessage.

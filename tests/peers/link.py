@@ -20,6 +20,8 @@ from collections import deque
 HERE, THERE = "10.77.0.1", "10.77.0.2"
 TUNSETIFF, IFF_TAP, IFF_NO_PI = 0x400454CA, 0x0002, 0x1000
 LARGEST_FRAME = 65_536
+# What the Ethernet address of a multicast of IPv4 begins with (RFC 1112, 6.4).
+MULTICAST = bytes([0x01, 0x00, 0x5E])
 
 
 def run(*command: str) -> None:
@@ -36,10 +38,11 @@ def tap(name: str) -> int:
 class Link:
     """Joins this namespace, with the address HERE, to a new one with the address THERE.
 
-    `delay` in seconds and `loss` as a share, in each direction.
+    `delay` in seconds and `loss` as a share, in each direction. Without `multicast` it carries none, as many clouds,
+    tunnels and wireless networks.
     """
 
-    def __init__(self, delay: float, loss: float) -> None:
+    def __init__(self, delay: float, loss: float, multicast: bool = True) -> None:
         run("ip", "link", "set", "lo", "up")
         self.machine = subprocess.Popen(["unshare", "--net", "sleep", "600"])
         # Until it has left this namespace.
@@ -55,7 +58,7 @@ class Link:
             run(*inside, "ip", "link", "set", name, "up")
             run(*inside, "ip", "route", "add", "224.0.0.0/4", "dev", name)
             run(*inside, "ip", "link", "set", "lo", "up")
-        command = [sys.executable, __file__, *map(str, (*ends, delay, loss))]
+        command = [sys.executable, __file__, *map(str, (*ends, delay, loss, int(multicast)))]
         self.carrier = subprocess.Popen(command, pass_fds=ends)
         for end in ends:
             os.close(end)
@@ -69,7 +72,7 @@ class Link:
             process.wait()
 
 
-def carry(ends: tuple[int, int], delay: float, loss: float) -> None:
+def carry(ends: tuple[int, int], delay: float, loss: float, multicast: bool) -> None:
     """Carries packets until it is killed."""
     # The same packets in each run as far as these are the same.
     chance = random.Random(1)
@@ -85,7 +88,8 @@ def carry(ends: tuple[int, int], delay: float, loss: float) -> None:
             now = time.monotonic()
             try:
                 while frame := os.read(end, LARGEST_FRAME):
-                    if chance.random() >= loss:
+                    carried = multicast or not frame.startswith(MULTICAST)
+                    if carried and chance.random() >= loss:
                         waiting[other[end]].append((now + delay, frame))
             except BlockingIOError:
                 pass
@@ -96,5 +100,5 @@ def carry(ends: tuple[int, int], delay: float, loss: float) -> None:
 
 
 if __name__ == "__main__":
-    here, there, delay, loss = sys.argv[1:]
-    carry((int(here), int(there)), float(delay), float(loss))
+    here, there, delay, loss, multicast = sys.argv[1:]
+    carry((int(here), int(there)), float(delay), float(loss), multicast == "1")

@@ -66,3 +66,13 @@ def test_in_real_time_over_a_poor_link_the_stage_goes_on_or_is_safe(tmp_path, re
     assert arrived or safe in report["message"], report
     # Commands that come late are gaps in their topic.
     assert friction_stage("check", tmp_path / "poor" / "bag", code=0)["complete"]
+
+
+def test_machines_that_are_named_find_each_other_without_multicast(tmp_path):
+    script = [sys.executable, str(HERE / "static_peers.py"), str(BINARIES), str(tmp_path)]
+    run = subprocess.run([*into_a_network(), *script], capture_output=True, text=True, timeout=200)
+    assert run.returncode == 0, f"{run.stdout}\n{run.stderr}"
+    came = json.loads(run.stdout)
+    # Without a name the link joins nothing.
+    assert came.pop("nobody") == 0, came
+    assert len(came) == 2 and all(count >= 100 for count in came.values()), came
