@@ -3,13 +3,14 @@
 //! The oracle is `tests/oracle/`: Python, Gauss-Legendre collocation of order 24, converged far
 //! below 1e-3 nm.
 
+use std::f64::consts::PI;
 use std::path::PathBuf;
 
 use friction_stage_core::ClosedLoop;
 use friction_stage_core::control::{
     AntiWindup, Controller, ControllerSettings, Gains, Point, Trajectory,
 };
-use friction_stage_core::model::{Guide, GuideSource, StageModel};
+use friction_stage_core::model::{Guide, GuideSource, StageModel, Stroke};
 use friction_stage_core::plant::{Body, Rates, Stage};
 use serde::Deserialize;
 
@@ -321,4 +322,74 @@ fn force_cell_of_the_measuring_rig_reads_the_friction_of_its_guide() {
     body.advance(force, 100_000);
     assert!((body.velocity() / velocity - 1.0).abs() < 1e-3, "{}", body.velocity());
     assert!((body.cell_force() / force - 1.0).abs() < 1e-3, "{} {force}", body.cell_force());
+}
+
+/// How far a mass that runs into a stop of the stroke with velocity `v` presses it in, m, and how
+/// fast it comes back, m/s: m p'' = -k p - c p' until the stop would pull, without other forces.
+fn bounce(stroke: &Stroke, mass: f64, v: f64) -> (f64, f64) {
+    let decay = stroke.damping / (2.0 * mass);
+    let square = stroke.stiffness / mass;
+    let frequency = (square - decay * decay).sqrt();
+    let deepest = (frequency / decay).atan() / frequency;
+    let depth = v / frequency * (-decay * deepest).exp() * (frequency * deepest).sin();
+    let angle = (-2.0 * decay * frequency / (square - 2.0 * decay * decay)).atan() + PI;
+    let speed = v * (-decay * angle / frequency).exp();
+    (depth, -speed * (angle.cos() - decay / frequency * angle.sin()))
+}
+
+#[test]
+fn an_end_stop_takes_and_gives_back_what_its_spring_and_damper_say() {
+    let guide = Guide {
+        stiffness: 1.0,
+        bristle_damping: 0.0,
+        viscous_friction: 0.0,
+        coulomb_force: 1e-6,
+        static_force: 1e-6,
+        ..oracle().guides[0].clone()
+    };
+    let mass = 40.0;
+    let stroke = Stroke { low: -0.1, high: 0.2, stiffness: 2e6, damping: 5e3 };
+    let model = StageModel {
+        mass,
+        guides: vec![GuideSource::Inline(guide)],
+        stroke: Some(stroke),
+        ..StageModel::default().without_noise()
+    };
+    for velocity in [-1.0, -0.2, 0.05, 1.0] {
+        let mut body = Body::new(&model, 25e-6).unwrap();
+        body.set_state(0.0, velocity, &[0.0]);
+        let mut deepest = 0.0_f64;
+        // Until it has come back to where it began.
+        while body.position() * velocity >= 0.0 {
+            body.advance(0.0, 1);
+            deepest = deepest.max(stroke.penetration(body.position()).abs());
+            assert!(body.time() < 20.0, "it has not come back");
+        }
+        let (depth, speed) = bounce(&stroke, mass, velocity.abs());
+        println!(
+            "{velocity} m/s: {deepest:.6} of {depth:.6} m, {:.6} of {speed:.6} m/s back",
+            body.velocity()
+        );
+        assert!((deepest / depth - 1.0).abs() < 5e-3, "{deepest} {depth}");
+        assert!((body.velocity() * -velocity.signum() / speed - 1.0).abs() < 5e-3);
+    }
+}
+
+/// Against the stop with the motor's largest force: where spring and force balance, at rest.
+#[test]
+fn pressed_against_its_stop_the_stage_rests_where_the_spring_holds_the_force() {
+    for model in [StageModel::default(), StageModel::measuring_rig("guide_1").unwrap()] {
+        let stroke = Stroke { low: -0.02, high: 0.03, stiffness: 2e6, damping: 5e3 };
+        let model = StageModel { stroke: Some(stroke), ..model.without_noise() };
+        for force in [-300.0, 300.0] {
+            let mut body = Body::new(&model, 10e-6).unwrap();
+            body.advance(force, 500_000);
+            let pressed = stroke.penetration(body.position());
+            // The guides hold a part of the force, at most their static friction.
+            let guides: f64 =
+                model.resolved_guides().unwrap().iter().map(|guide| guide.static_force).sum();
+            assert!((stroke.stiffness * pressed - force).abs() <= guides, "{pressed} m, {force} N");
+            assert!(body.velocity().abs() < 1e-9, "{} m/s", body.velocity());
+        }
+    }
 }
