@@ -20,17 +20,13 @@ pub const DERIVED: [&str; 5] =
 
 /// The stroke of the built-in stages, m.
 const STROKE: f64 = friction_stage_core::model::StageModel::REACH;
-/// Swing of the force at rest, rms, in largest forces, from which a loop is taken for unstable.
-/// Assumed: what holds a stage at rest is less than its static friction, and does not swing.
-const SWING: f64 = 0.1;
-
 /// What the supervision allows.
 pub fn supervision(values: &ParameterValues) -> SupervisorSettings {
+    let limit = values.double("gains.stage.u_clamp_max");
     SupervisorSettings {
-        rate: values.double("rate"),
         error: values.double("supervision.error"),
         patience: values.double("supervision.patience"),
-        swing: SWING * values.double("gains.stage.u_clamp_max"),
+        ..SupervisorSettings::new(values.double("rate"), limit)
     }
 }
 
@@ -190,7 +186,7 @@ pub fn specs() -> Vec<ParameterSpec> {
         ),
         ParameterSpec::double(
             "supervision.error",
-            1e-3,
+            SupervisorSettings::ERROR,
             "largest position error at rest; ten times as much in motion",
         )
         .unit("m")
@@ -198,7 +194,7 @@ pub fn specs() -> Vec<ParameterSpec> {
         .read_only(),
         ParameterSpec::double(
             "supervision.patience",
-            0.5,
+            SupervisorSettings::PATIENCE,
             "how long error, saturation or swings may last before the stop",
         )
         .unit("s")

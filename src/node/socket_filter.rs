@@ -840,6 +840,9 @@ mod tests {
             (count(), any::<u32>(), 0..32_u32)
                 .prop_map(|(n, first, up)| fragment_request(n, first >> up)),
             (kind(), count(), count()).prop_map(|(kind, first, last)| range(kind, first, last)),
+            (0..3_usize, any::<u8>(), prop::collection::vec(parameter(), 0..6)).prop_map(
+                |(writer, options, parameters)| announcement_by(writer, options, &parameters)
+            ),
             (kind(), count(), 0..200_000_u64).prop_map(|(kind, first, width)| range(
                 kind,
                 first,
@@ -848,6 +851,24 @@ mod tests {
             (any::<u8>(), prop::collection::vec(any::<u8>(), 1..60))
                 .prop_map(|(kind, body)| submessage(kind, &body)),
         ]
+    }
+
+    /// A parameter of an announcement, often a multicast address.
+    fn parameter() -> impl Strategy<Value = Vec<u8>> {
+        let kind = prop_oneof![Just(0x30_u16), Just(0x33), Just(0x48), Just(1), any::<u16>()];
+        let value = prop::collection::vec(any::<u8>(), 0..28);
+        (kind, value).prop_map(|(kind, value)| {
+            [&kind.to_le_bytes()[..], &(value.len() as u16).to_le_bytes(), &value].concat()
+        })
+    }
+
+    /// An announcement of a participant, a writer or a reader.
+    fn announcement_by(writer: usize, options: u8, parameters: &[Vec<u8>]) -> Vec<u8> {
+        let writer = [ANNOUNCER, ENDPOINT_ANNOUNCERS[0], ENDPOINT_ANNOUNCERS[1]][writer];
+        let number = [&[0; 4][..], &1_u32.to_le_bytes()].concat();
+        let head = [&[0, 0, 16, 0, 0, 0, 0, 0][..], &writer, &number].concat();
+        let body = [&head[..], &[0, 3, 0, options], &parameters.concat()].concat();
+        submessage(DATA, &body)
     }
 
     proptest! {
@@ -871,12 +892,22 @@ mod tests {
             end in any::<prop::sample::Index>(),
         ) {
             let mut datagram = message(&pieces);
+            let before = datagram.len();
             for (at, value) in changes {
-                let at = at.index(datagram.len());
-                datagram[at] = value;
+                datagram[at.index(before)] = value;
             }
-            // No panic, whatever it says.
-            is_harmless(&datagram[..=end.index(datagram.len())]);
+            let heard = &mut datagram[..=end.index(before)];
+            // No panic, whatever it says; what is changed in it leaves it harmless.
+            if is_harmless(heard) {
+                let from = announcement(heard);
+                let writer = user_writer(heard);
+                hide_multicast(heard);
+                number_announcements(heard);
+                report_acknowledgements(heard);
+                prop_assert!(is_harmless(heard));
+                prop_assert_eq!(announcement(heard).is_some(), from.is_some());
+                prop_assert_eq!(user_writer(heard), writer);
+            }
         }
     }
 }

@@ -19,13 +19,14 @@ use super::stage::{LiveSettings, StageLoop};
 use super::stage_inbox::{Event, Inbox};
 use super::stage_outlets::StageOutlets;
 use super::stage_settings::{Drive, SERVO_BANDWIDTH, StageSettings};
-use super::stage_status::StageStatus;
+use super::stage_status::{StageStatus, is_logged};
 use super::waiter::Waiter;
 use super::wire::{Setpoint, Tick, setpoint};
 use friction_stage_core::control::{
-    Controller, ControllerSettings, Follower, Gains, Point, Trajectory,
+    Controller, ControllerSettings, DampedStop, Follower, Gains, Health, Point, Supervisor,
+    SupervisorSettings, Trajectory,
 };
-use friction_stage_core::plant::Stage;
+use friction_stage_core::plant::{Sample, Stage};
 
 /// Samples that may wait for the publishing thread: 0.8 s at 10 kHz.
 const SAMPLES: usize = 8192;
@@ -53,10 +54,77 @@ enum Order {
     Shutdown,
 }
 
-/// What the tick thread hands back to be dropped.
-enum Waste {
+/// What the tick thread hands back.
+enum Return {
+    /// To be dropped.
     Follower(#[expect(dead_code, reason = "only dropped")] Box<Follower>),
     Settings(#[expect(dead_code, reason = "only dropped")] Box<ControllerSettings>),
+    /// The stage's own loop does otherwise than before.
+    Health(Health),
+}
+
+/// The stage's own position loop: a PID at `servo_bandwidth` for everything that the motor moves,
+/// and its supervision.
+#[derive(Clone)]
+struct Servo {
+    controller: Controller,
+    follower: Box<Follower>,
+    supervisor: Supervisor,
+    health: Health,
+    /// It has been stopped; over when this gives no force.
+    stop: Option<DampedStop>,
+}
+
+impl Servo {
+    fn new(settings: &StageSettings) -> anyhow::Result<Servo> {
+        let mass = moved_mass(settings);
+        let (rate, limit) = (settings.rates.control(), settings.model.motor.force_limit);
+        let paper = ControllerSettings::paper(mass, rate, limit);
+        let gains = Gains::from_bandwidth(settings.servo_bandwidth, mass);
+        let follower = Follower::new(settings.setpoint_jump_limit);
+        let follower = match settings.model.stroke {
+            Some(stroke) => follower.within(stroke.low, stroke.high),
+            None => follower,
+        };
+        Ok(Servo {
+            controller: Controller::new(ControllerSettings { gains, ..paper })?,
+            follower: Box::new(follower),
+            supervisor: Supervisor::new(SupervisorSettings::new(rate, limit)),
+            health: Health::Fine,
+            stop: None,
+        })
+    }
+
+    /// Starts anew, at `position`, m.
+    fn hold(&mut self, time: i64, position: f64) {
+        self.controller.reset();
+        self.supervisor.reset();
+        self.stop = None;
+        self.follower.hold(time, position);
+    }
+
+    /// The force for a sample, N, and whether the loop does otherwise than before.
+    fn update(&mut self, sample: &Sample) -> (f64, Option<Health>) {
+        if let Some(stop) = &mut self.stop {
+            return (stop.force(sample.velocity).unwrap_or(0.0), None);
+        }
+        let terms = self.controller.update(sample.time, sample.position, &mut self.follower);
+        let health = self.supervisor.observe(&terms);
+        let is_other = std::mem::discriminant(&health) != std::mem::discriminant(&self.health);
+        self.health = health;
+        let force = match health {
+            Health::Stop(_) => {
+                let settings = self.controller.settings();
+                let period = settings.rate.recip();
+                let mut stop = DampedStop::new(settings.mass_feedforward, settings.limits, period);
+                let force = stop.force(sample.velocity).unwrap_or(0.0);
+                self.stop = Some(stop);
+                force
+            }
+            Health::Fine | Health::Warning(_) => terms.output,
+        };
+        (force, is_other.then_some(health))
+    }
 }
 
 /// Answer to a wish that only a stage with its own loop can fulfil.
@@ -74,10 +142,10 @@ impl StageLoop {
             self;
         let (samples_in, samples_out) = rtrb::RingBuffer::new(SAMPLES);
         let (orders_in, orders_out) = rtrb::RingBuffer::new(ORDERS);
-        let (waste_in, waste_out) = rtrb::RingBuffer::new(ORDERS);
+        let (returns_in, returns_out) = rtrb::RingBuffer::new(ORDERS);
         let servo = match settings.drive {
             Drive::Force => None,
-            Drive::Servo => Some(servo(&settings)?),
+            Drive::Servo => Some(Servo::new(&settings)?),
         };
         let finished = Arc::new(AtomicBool::new(false));
         let publishing = {
@@ -97,7 +165,7 @@ impl StageLoop {
                     real_time,
                     epoch,
                     orders: orders_out,
-                    waste: waste_in,
+                    returns: returns_in,
                     samples: samples_in,
                     publisher,
                     status,
@@ -108,7 +176,7 @@ impl StageLoop {
             std::thread::Builder::new().name("tick".to_owned()).spawn(work)?
         };
         let (controller, follower) = match servo {
-            Some((controller, follower)) => (Some(controller.settings().clone()), Some(follower)),
+            Some(servo) => (Some(servo.controller.settings().clone()), Some(servo.follower)),
             None => (None, None),
         };
         *lock(&followed) = follower.as_deref().cloned();
@@ -116,7 +184,7 @@ impl StageLoop {
             settings,
             inbox,
             orders: orders_in,
-            waste: waste_out,
+            returns: returns_out,
             follower,
             controller,
             followed,
@@ -137,21 +205,6 @@ impl StageLoop {
     }
 }
 
-/// The stage's own position loop: a PID at `servo_bandwidth` for everything that the motor moves.
-fn servo(settings: &StageSettings) -> anyhow::Result<(Controller, Box<Follower>)> {
-    let mass = moved_mass(settings);
-    let rate = settings.rates.control();
-    let paper = ControllerSettings::paper(mass, rate, settings.model.motor.force_limit);
-    let gains = Gains::from_bandwidth(settings.servo_bandwidth, mass);
-    let controller = Controller::new(ControllerSettings { gains, ..paper })?;
-    let follower = Follower::new(settings.setpoint_jump_limit);
-    let follower = match settings.model.stroke {
-        Some(stroke) => follower.within(stroke.low, stroke.high),
-        None => follower,
-    };
-    Ok((controller, Box::new(follower)))
-}
-
 /// All that the motor moves, kg.
 fn moved_mass(settings: &StageSettings) -> f64 {
     settings.model.mass
@@ -160,13 +213,13 @@ fn moved_mass(settings: &StageSettings) -> f64 {
 
 struct TickThread {
     stage: Stage,
-    servo: Option<(Controller, Box<Follower>)>,
+    servo: Option<Servo>,
     /// A real-time priority is asked for.
     real_time: bool,
     /// System time of sample 0, ns.
     epoch: i64,
     orders: rtrb::Consumer<Order>,
-    waste: rtrb::Producer<Waste>,
+    returns: rtrb::Producer<Return>,
     samples: rtrb::Producer<Tick>,
     publisher: Thread,
     status: Arc<StageStatus>,
@@ -198,33 +251,31 @@ impl TickThread {
                     Order::Enable(wanted) => {
                         enabled = wanted;
                         self.status.disabled.store(!wanted, Ordering::Relaxed);
-                        if let Some((controller, follower)) = &mut self.servo {
-                            controller.reset();
-                            follower.hold(0, self.stage.body().position());
+                        if let Some(servo) = &mut self.servo {
+                            servo.hold(0, self.stage.body().position());
                         }
                     }
                     Order::Reset => {
                         self.stage.reset();
                         (force, last_command) = (0.0, None);
-                        if let Some((controller, follower)) = &mut self.servo {
-                            controller.reset();
-                            follower.hold(0, 0.0);
+                        if let Some(servo) = &mut self.servo {
+                            servo.hold(0, 0.0);
                         }
                     }
                     Order::Follow(mut next) => {
-                        if let Some((_, follower)) = &mut self.servo {
-                            std::mem::swap(follower, &mut next);
+                        if let Some(servo) = &mut self.servo {
+                            std::mem::swap(&mut servo.follower, &mut next);
                         }
                         // Full only if the command thread has died; then dropping here is the least
                         // of the troubles.
-                        let _ = self.waste.push(Waste::Follower(next));
+                        let _ = self.returns.push(Return::Follower(next));
                     }
                     Order::Retune(settings) => {
-                        if let Some((controller, _)) = &mut self.servo {
+                        if let Some(servo) = &mut self.servo {
                             // Checked where it comes from: nothing is refused.
-                            let _ = controller.retune((*settings).clone());
+                            let _ = servo.controller.retune((*settings).clone());
                         }
-                        let _ = self.waste.push(Waste::Settings(settings));
+                        let _ = self.returns.push(Return::Settings(settings));
                     }
                     Order::Shutdown => return,
                 }
@@ -245,11 +296,15 @@ impl TickThread {
                 self.status.unpublished.fetch_add(1, Ordering::Relaxed);
             }
             self.publisher.unpark();
-            if let Some((controller, follower)) = &mut self.servo {
+            if let Some(servo) = self.servo.as_mut().filter(|_| enabled) {
                 if sample.index == 0 {
-                    follower.hold(sample.time, sample.position);
+                    servo.hold(sample.time, sample.position);
                 }
-                force = controller.update(sample.time, sample.position, follower).output;
+                let (wanted, health) = servo.update(&sample);
+                force = wanted;
+                if let Some(health) = health {
+                    let _ = self.returns.push(Return::Health(health));
+                }
             }
             self.stage.advance(if enabled { force } else { 0.0 });
             self.status.clamped.store(self.stage.clamped(), Ordering::Relaxed);
@@ -290,7 +345,7 @@ struct CommandThread {
     settings: StageSettings,
     inbox: Inbox,
     orders: rtrb::Producer<Order>,
-    waste: rtrb::Consumer<Waste>,
+    returns: rtrb::Consumer<Return>,
     /// What the tick thread follows in `drive: servo`, kept here to build the next one from.
     follower: Option<Box<Follower>>,
     /// Of the controller in `drive: servo`.
@@ -310,11 +365,16 @@ impl CommandThread {
             // Wakes up now and then to drop what the tick thread is done with and to tell of
             // commands that stopped.
             let event = self.inbox.next(&waiter, Some(Instant::now() + NAP));
-            while self.waste.pop().is_ok() {}
+            while let Ok(returned) = self.returns.pop() {
+                if let Return::Health(health) = returned {
+                    self.status.set_servo(health);
+                }
+            }
             let stale = self.status.is_stale.load(Ordering::Relaxed);
-            if stale && !was_stale {
+            let times = self.status.stale.load(Ordering::Relaxed);
+            if stale && !was_stale && is_logged(times) {
                 tracing::warn!(
-                    "commands have stopped for {:?}: motor force is zero",
+                    "commands have stopped for {:?}: motor force is zero ({times} times so far)",
                     self.live.command_timeout()
                 );
             }

@@ -8,12 +8,18 @@ use super::commands::Refusal;
 use super::lateness::LatenessHistogram;
 use super::lock::lock;
 use super::words::{Recent, quoted};
+use friction_stage_core::control::Health;
 use friction_stage_core::plant::StageState;
 use friction_stage_data::message::{DiagnosticStatus, KeyValue};
 
 /// Key in `/diagnostics` of the publisher that was refused because another one commands the stage
 /// at once with it.
 pub const SECOND_SOURCE: &str = "second_source";
+
+/// Whether what has happened `count` times is logged: a flood is at powers of two only.
+pub fn is_logged(count: u64) -> bool {
+    count < 100 || count.is_power_of_two()
+}
 
 /// A publisher's GID as ROS tools write it: 16 bytes, hexadecimal, with dots.
 pub fn gid_text(gid: &[u8; 16]) -> String {
@@ -62,6 +68,8 @@ pub struct StageStatus {
     last_unanswered: Recent,
     /// Samples were not published a moment ago.
     last_unpublished: Recent,
+    /// `drive: servo`: how the stage's own loop does.
+    servo: Mutex<Option<Health>>,
 }
 
 impl StageStatus {
@@ -78,6 +86,18 @@ impl StageStatus {
         self.motion.each_ref().map(|slot| f64::from_bits(slot.load(Ordering::Relaxed)))
     }
 
+    /// How the stage's own loop does; logs it.
+    pub fn set_servo(&self, health: Health) {
+        match health {
+            Health::Fine => {}
+            Health::Warning(cause) => tracing::warn!("{cause}"),
+            Health::Stop(cause) => {
+                tracing::error!("{cause}: damped stop; `~/enable` with true starts the loop again");
+            }
+        }
+        *lock(&self.servo) = Some(health);
+    }
+
     /// Counts a command that was refused by the rules of commands, and logs it.
     pub fn refuse_command(&self, refusal: &Refusal) {
         if let Refusal::OtherSource { second: Some(publisher), .. } = refusal {
@@ -86,11 +106,11 @@ impl StageStatus {
         self.refuse(&refusal.to_string());
     }
 
-    /// Counts a refused command and logs it; a flood is logged at powers of ten only.
+    /// Counts a refused command and logs it.
     pub fn refuse(&self, reason: &str) {
         let count = self.refused.fetch_add(1, Ordering::Relaxed) + 1;
         let is_new = self.last_refusal.set(reason);
-        if is_new && count < 100 || count.is_power_of_two() {
+        if is_new && is_logged(count) || count.is_power_of_two() {
             tracing::warn!("command refused: {} ({count} refused so far)", quoted(reason));
         }
     }
@@ -99,7 +119,7 @@ impl StageStatus {
     pub fn move_on(&self, reason: &str) {
         let count = self.unanswered.fetch_add(1, Ordering::Relaxed) + 1;
         self.last_unanswered.set(reason);
-        if count < 100 || count.is_power_of_two() {
+        if is_logged(count) {
             tracing::warn!("{reason} ({count} samples without an answer so far)");
         }
     }
@@ -130,6 +150,13 @@ impl StageStatus {
         );
         for fault in faults {
             note(true, DiagnosticStatus::ERROR, fault.clone());
+        }
+        match *lock(&self.servo) {
+            Some(Health::Stop(cause)) => {
+                note(true, DiagnosticStatus::ERROR, format!("stopped: {cause}"));
+            }
+            Some(Health::Warning(cause)) => note(true, DiagnosticStatus::WARN, cause.to_string()),
+            Some(Health::Fine) | None => {}
         }
         for warning in warnings {
             note(true, DiagnosticStatus::WARN, warning.clone());

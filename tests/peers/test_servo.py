@@ -3,7 +3,9 @@
 import statistics
 
 import pytest
+from diagnostics import ERROR, OK, Diagnostics
 from ros import nanoseconds, trajectory
+from std_srvs.srv import SetBool
 
 # Guide 2 at constant velocity (crates/friction-stage-core/src/model/catalogue.yaml): Coulomb friction and viscous friction.
 COULOMB, VISCOUS = 4.8, 18.0
@@ -57,3 +59,19 @@ def test_streamed_setpoints_move_the_stage(ros, stage, controller):
     setpoint.publish(trajectory([{"time": 0.0, "positions": [target], "velocities": [0.0]}]))
     ros.until(lambda: abs(encoder[-1].position[0] - 0.01) < 20e-6, "the arrival at 10 mm")
     assert states[-1].reference_position == 0.01
+
+
+def test_a_loop_of_its_own_that_does_not_hold_is_stopped_until_it_is_enabled(ros, stage, tmp_path):
+    # A motor that the static friction holds.
+    model = tmp_path / "weak.yaml"
+    model.write_text("mass: 40.0\nguides: [guide_1, guide_1, guide_1, guide_1]\nmotor: {force_limit: 20.0}\n")
+    stage(model=str(model), mode="realtime", drive="servo", control_rate=1000.0)
+    diagnostics = Diagnostics(ros)
+    assert diagnostics.newest().level == OK
+    ros.publisher("/stage/setpoint").publish(
+        trajectory([{"time": 0.2, "positions": [0.02], "velocities": [0.0]}])
+    )
+    status = diagnostics.until(lambda status: status.level == ERROR, "the stop")
+    assert status.message.startswith("stopped: "), status
+    assert ros.call(SetBool, "/stage/enable", data=True).success
+    diagnostics.until(lambda status: status.level == OK, "a loop that holds")

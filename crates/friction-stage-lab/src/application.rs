@@ -3,6 +3,7 @@
 //! In comes YAML, out goes a checked description of mass, motion, controller, requirement,
 //! constraints on how the guide is built, and tolerances of its parameters.
 
+use friction_stage_core::numerics::plain;
 use serde::{Deserialize, Serialize};
 
 use super::paper::{Conditioning, MoveKind, PaperMotion};
@@ -146,7 +147,7 @@ pub enum ApplicationError {
         message: String,
     },
     /// A value out of its range.
-    #[error("{origin}: {key} is {value}, must {limit}")]
+    #[error("{origin}: {key} is {}, must {limit}", plain(*value))]
     Value {
         /// Name of the text.
         origin: String,

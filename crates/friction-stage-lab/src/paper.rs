@@ -1,6 +1,7 @@
 //! The two motions of the paper's section 4: the fast move and the fine step, with what comes
 //! before them.
 
+use friction_stage_core::numerics::plain;
 use serde::{Deserialize, Serialize};
 
 use friction_stage_core::control::Point;
@@ -108,7 +109,7 @@ impl MoveKind {
 
 /// A move that cannot be made.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("move {index}: the {quantity} is {value}, must be {limit}")]
+#[error("move {index}: the {quantity} is {}, must be {limit}", plain(*value))]
 pub struct MoveError {
     /// Number of the move, from 0.
     pub index: usize,

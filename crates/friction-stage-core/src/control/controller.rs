@@ -1,5 +1,6 @@
 //! The controller: reference and measured position in, force with all its terms out.
 
+use crate::numerics::plain;
 use std::f64::consts::TAU;
 
 use nalgebra::Complex;
@@ -34,7 +35,7 @@ pub struct ControllerSettings {
 #[expect(missing_docs, reason = "the message of each says what its fields are")]
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ControllerError {
-    #[error("{name} is {value}, must {limit}")]
+    #[error("{name} is {}, must {limit}", plain(*value))]
     Value { name: &'static str, value: f64, limit: String },
 }
 

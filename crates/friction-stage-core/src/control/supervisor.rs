@@ -21,6 +21,26 @@ pub struct SupervisorSettings {
     pub swing: f64,
 }
 
+impl SupervisorSettings {
+    /// Largest error at rest where a user says nothing, m.
+    pub const ERROR: f64 = 1e-3;
+    /// Patience where a user says nothing, s.
+    pub const PATIENCE: f64 = 0.5;
+    /// Swing of the force at rest, rms, in largest forces, from which a loop is taken for unstable:
+    /// what holds a stage at rest is less than its static friction, and does not swing.
+    const SWING: f64 = 0.1;
+
+    /// For a loop of `rate` samples per second whose force is at most `force_limit`, N.
+    pub fn new(rate: f64, force_limit: f64) -> SupervisorSettings {
+        SupervisorSettings {
+            rate,
+            error: SupervisorSettings::ERROR,
+            patience: SupervisorSettings::PATIENCE,
+            swing: SupervisorSettings::SWING * force_limit,
+        }
+    }
+}
+
 /// The error that is allowed while the reference moves, in errors that are allowed at rest.
 pub const MOVING: f64 = 10.0;
 /// Lag of the shares, s.

@@ -1,5 +1,7 @@
 //! What can be wrong with a model, each with the numbers that a user needs to mend it.
 
+use crate::numerics::plain;
+
 /// A model that cannot be read or that no stage could have.
 #[expect(missing_docs, reason = "the message of each says what its fields are")]
 #[derive(Debug, thiserror::Error)]
@@ -21,7 +23,7 @@ pub enum ModelError {
     Write { message: String },
     #[error("{origin}: {source}")]
     InFile { origin: String, source: Box<ModelError> },
-    #[error("{key} is {value}, must {limit}")]
+    #[error("{key} is {}, must {limit}", plain(*value))]
     Value { key: String, value: f64, limit: String },
     #[error("a stage has 1 to 4 guides, found {found}")]
     GuideCount { found: usize },

@@ -20,6 +20,13 @@ pub fn rounded(value: f64, digits: usize) -> f64 {
     }
 }
 
+/// A value for a message: in digits, or with an exponent where digits are zeros mostly.
+pub fn plain(value: f64) -> String {
+    let size = value.abs();
+    let is_short = value == 0.0 || !value.is_finite() || (1e-6..1e15).contains(&size);
+    if is_short { format!("{value}") } else { format!("{value:e}") }
+}
+
 /// Least and largest of some values; infinite, the wrong way round, where there are none.
 pub fn range(values: &[f64]) -> (f64, f64) {
     values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), value| {
@@ -30,6 +37,13 @@ pub fn range(values: &[f64]) -> (f64, f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_message_has_no_row_of_zeros() {
+        let values = [40.0, -0.005, 0.0, 2e12, 1e300, -1e-320, f64::NAN];
+        let expected = ["40", "-0.005", "0", "2000000000000", "1e300", "-1e-320", "NaN"];
+        assert_eq!(values.map(plain), expected);
+    }
 
     #[test]
     fn rounding_keeps_the_digits_that_count() {

@@ -1,6 +1,7 @@
 //! A stage as its controller sees it: read a sample, give a force, read the next sample.
 
 use crate::model::{MAX_GUIDES, ModelError, StageModel};
+use crate::numerics::plain;
 
 use super::body::Body;
 use super::effects::MAX_EFFECTS;
@@ -18,7 +19,7 @@ pub struct Rates {
 #[expect(missing_docs, reason = "the message of each says what its fields are")]
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum RatesError {
-    #[error("{name} is {value} Hz, must be between {min} and {max} Hz")]
+    #[error("{name} is {} Hz, must be between {min} and {max} Hz", plain(*value))]
     Range { name: &'static str, value: f64, min: f64, max: f64 },
     #[error(
         "physics_rate {physics} Hz is {ratio:.6} times control_rate {control} Hz, must be a whole \

@@ -1,6 +1,7 @@
 //! A loop that was measured on a running stage: its file, its margins, and how it differs from the
 //! loop of a model.
 
+use friction_stage_core::numerics::plain;
 use nalgebra::Complex;
 use serde::{Deserialize, Serialize};
 
@@ -35,7 +36,7 @@ pub enum MeasuredLoopError {
     Controller { origin: String, problem: ControllerError },
     #[error("{origin}: {found} points, must be 1 to {MOST_POINTS}")]
     Count { origin: String, found: usize },
-    #[error("{origin}: points[{index}].{key} is {value}, must be {limit}")]
+    #[error("{origin}: points[{index}].{key} is {}, must be {limit}", plain(*value))]
     Point { origin: String, index: usize, key: &'static str, value: f64, limit: String },
 }
 

@@ -1,6 +1,7 @@
 //! The controller of a sweep: the parameters of controller_node that are given, and the rule of
 //! thumb of the bandwidth for the rest.
 
+use friction_stage_core::numerics::plain;
 use std::collections::BTreeMap;
 
 use super::SweepValue;
@@ -99,9 +100,10 @@ pub(super) fn settings_for(
         let value = number(name, otherwise)?;
         match value.is_finite() && value > 0.0 {
             true => Ok(value),
-            false => {
-                Err(format!("controller.{name} is {value}, must be finite and greater than 0"))
-            }
+            false => Err(format!(
+                "controller.{name} is {}, must be finite and greater than 0",
+                plain(value)
+            )),
         }
     };
     let mass = positive("mass", model.moving_mass())?;

@@ -11,6 +11,7 @@ mod document;
 mod summary;
 mod unit;
 
+use friction_stage_core::numerics::plain;
 use std::ops::Range;
 
 use rayon::prelude::*;
@@ -165,9 +166,10 @@ impl SweepMotion {
     fn points(&self) -> Result<(Vec<Point>, Vec<Move>), String> {
         let positive = |name: &str, value: f64, most: f64| match value > 0.0 && value <= most {
             true => Ok(()),
-            false => {
-                Err(format!("motion.{name} is {value}, must be greater than 0, at most {most}"))
-            }
+            false => Err(format!(
+                "motion.{name} is {}, must be greater than 0, at most {most}",
+                plain(value)
+            )),
         };
         match self {
             SweepMotion::Move(motion) => {
