@@ -26,6 +26,7 @@ use friction_stage_core::control::{
     Controller, ControllerSettings, Follower, Gains, Point, Trajectory,
 };
 use friction_stage_core::plant::Stage;
+use friction_stage_report::words::in_prefix;
 
 /// Samples that may wait for the publishing thread: 0.8 s at 10 kHz.
 const SAMPLES: usize = 8192;
@@ -444,7 +445,7 @@ impl CommandThread {
         *follower = next.clone();
         *lock(&self.followed) = Some((*next).clone());
         self.send(Order::Follow(next));
-        Ok(format!("step of {:.3} µm in {:.1} ms", 1e6 * distance, 1e3 * time))
+        Ok(format!("step of {} in {}", in_prefix(distance, "m"), in_prefix(time, "s")))
     }
 
     fn send(&mut self, order: Order) {
