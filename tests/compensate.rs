@@ -48,6 +48,8 @@ fn what_is_known_of_a_stage_makes_its_error_small_and_is_exported() {
     let summary: serde_json::Value = serde_json::from_slice(&run.stdout).unwrap();
     let peak = |run: &str| summary[run]["peak"].as_f64().unwrap();
     assert!(peak("with") < peak("without") / 3.0, "{summary}");
+    let page = std::fs::read_to_string(directory.path().join("out/report.html")).unwrap();
+    assert!(page.contains("<h1>Compensation of real.yaml by known.yaml</h1>"), "{page}");
     let out = directory.path().join("out");
     let table = std::fs::read_to_string(out.join("over_position.csv")).unwrap();
     let largest = table

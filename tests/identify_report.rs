@@ -62,6 +62,51 @@ fn summary_of(run: &str) -> Option<(Summary, TempDir)> {
 }
 
 #[test]
+fn harmonics_are_one_effect_and_a_side_has_its_colours_in_every_figure() {
+    let Some((_, out)) = summary_of("a") else { return };
+    let page = std::fs::read_to_string(out.path().join("report.html")).unwrap();
+    let heading = "<h3>cogging, 24.00 mm with its second harmonic, motor side</h3>";
+    assert!(page.contains(heading) && page.matches("<h3>cogging").count() == 1);
+    let figure = |name: &str| {
+        let path = out.path().join("figures").join(name);
+        std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{name}: {error}"))
+    };
+    // Before and after: vermillion and blue of the motor side, orange and sky blue of the carriage.
+    let (motor, carriage) = (["#D55E00", "#0072B2"], ["#E69F00", "#56B4E9"]);
+    for (side, own, other) in [("motor", motor, carriage), ("carriage", carriage, motor)] {
+        let figure = figure(&format!("residual_over_time_{side}_side_holdout.svg"));
+        let lines: String = figure
+            .lines()
+            .filter(|line| line.starts_with("<polyline"))
+            .collect::<Vec<_>>()
+            .concat();
+        assert!(own.iter().all(|colour| lines.contains(colour)), "{side}");
+        assert!(other.iter().all(|colour| !lines.contains(colour)), "{side}");
+    }
+    assert!(
+        [motor, carriage]
+            .iter()
+            .flatten()
+            .all(|colour| { figure("spectrum_over_time.svg").contains(colour) })
+    );
+}
+
+#[test]
+fn a_verdict_without_a_law_says_where_the_residual_is() {
+    let Some((summary, out)) = summary_of("f") else { return };
+    assert_eq!(summary.verdict, "unknown");
+    let page = std::fs::read_to_string(out.path().join("report.html")).unwrap();
+    let verdict = page.split("Something is there").nth(1).unwrap().split("</p>").next().unwrap();
+    for words in ["hold-out record, carriage side", "of its power is between", "of the distance"] {
+        assert!(verdict.contains(words), "no {words}: {verdict}");
+    }
+    // Once, and the values of the map in lines.
+    assert_eq!(page.matches("residual of the laws on the hold-out record").count(), 1);
+    let model = std::fs::read_to_string(out.path().join("identified.yaml")).unwrap();
+    assert!(model.contains("values: [") && model.lines().count() < 120, "{model}");
+}
+
+#[test]
 fn a_spring_along_the_way_is_found_and_everything_is_written() {
     let Some((summary, out)) = summary_of("c") else { return };
     assert_eq!(summary.verdict, "found");

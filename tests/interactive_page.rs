@@ -9,7 +9,7 @@ mod browser;
 use std::process::Command;
 
 use browser::{Browser, Look, chromium};
-use friction_stage_report::chart::{Axis, Chart, Style};
+use friction_stage_report::chart::{Axis, Chart, Scale, Style};
 use friction_stage_report::page::Page;
 
 const WIDE: Look = Look { width: 1280, dark: false };
@@ -237,6 +237,79 @@ fn a_logarithmic_axis_has_its_numbers_whatever_it_spans() {
     for figure in 0..3 {
         assert!(open.pixels(figure, [74, 168, 224]).0 > 50.0, "{figure}");
     }
+    open.assert_quiet();
+}
+
+/// What is written and drawn from now on; the plots are made again for a dark screen. A word with
+/// its middle or end, its width and its figure, a line with its abscissas.
+const RECORD: &str = "window.words = []; window.lines = []; const write = \
+    CanvasRenderingContext2D.prototype.fillText; CanvasRenderingContext2D.prototype.fillText = \
+    function (text, x, y) { window.words.push({text, x, y, width: this.measureText(text).width, \
+    align: this.textAlign, canvas: this.canvas}); return write.call(this, text, x, y); }; const to \
+    = Path2D.prototype.lineTo; Path2D.prototype.lineTo = function (x, y) { window.lines.push([x, \
+    y]); return to.call(this, x, y); }; true";
+
+#[test]
+fn numbers_of_an_axis_do_not_overlap_on_a_phone() {
+    let mut page = Page::new("Plots", "of a test");
+    for scale in [Scale::Asinh(0.0099), Scale::Asinh(2.0), Scale::Log] {
+        let mut chart = Chart::new("t", "acceleration, m/s²", "N").along(scale);
+        let from = if scale == Scale::Log { 1 } else { -3000 };
+        chart.add("curve", 0, Style::Line, (from..3000).map(|k| (1e-2 * f64::from(k), 1.0)));
+        page.figure(&chart, "caption").expect("a chart");
+    }
+    let Some(mut open) = open_page(Look { width: 400, dark: false }, page.finish()) else { return };
+    open.browser.evaluate(RECORD);
+    open.browser.look(Look { width: 400, dark: true });
+    open.browser.wait_until("new Set(window.words.map((w) => w.canvas)).size === 3");
+    let overlaps = open.browser.evaluate(
+        "(() => { const found = []; const number = (w) => w.align === 'center' && \
+         /^-?[0-9.e-]+$/.test(w.text); const all = window.words.filter(number); for (const a of \
+         all) for (const b of all) { const is_row = a.canvas === b.canvas && Math.abs(a.y - b.y) < \
+         2 && a.x < b.x; if (is_row && b.x - a.x < (a.width + b.width) / 2) found.push(`${a.text} \
+         ${b.text}`); } return all.length < 6 ? ['too few'] : found; })()",
+    );
+    assert_eq!(overlaps, serde_json::json!([]));
+    open.assert_quiet();
+}
+
+#[test]
+fn slopes_are_no_stairs_and_words_lie_on_no_curve() {
+    let mut page = Page::new("Plots", "of a test");
+    let mut chart = Chart::new("Two grids", "time, s", "position, mm");
+    chart.add("one", 0, Style::Line, (0..20_000).map(|k| (1e-3 * f64::from(k), f64::from(k))));
+    let other = (0..17_000).map(|k| (1.1e-3 * f64::from(k), 2e4 - f64::from(k)));
+    chart.add("other", 1, Style::Line, other);
+    page.figure(&chart, "caption").expect("a chart");
+    let mut chart = Chart::new("Peaks", "frequency, Hz", "N");
+    let hill = |k: i32, middle: f64| (-(f64::from(k) - middle).powi(2) / 900.0).exp();
+    chart.add("first", 0, Style::Line, (0..400).map(|k| (f64::from(k), hill(k, 150.0))));
+    chart.add("second", 0, Style::Line, (0..400).map(|k| (f64::from(k), 0.7 * hill(k, 170.0))));
+    chart.add("fall", 0, Style::Line, [(0.0, 1.0), (400.0, 0.0)]);
+    chart.line("limit", Axis::Y, 0.05);
+    chart.label((150.0, 1.0), "higher peak");
+    chart.label((170.0, 0.7), "lower peak");
+    page.figure(&chart, "caption").expect("a chart");
+    let Some(mut open) = open_page(Look { width: 400, dark: true }, page.finish()) else { return };
+    open.browser.evaluate(RECORD);
+    open.browser.look(Look { width: 400, dark: false });
+    for word in ["higher peak", "lower peak", "limit"] {
+        open.browser.wait_until(&format!("window.words.some((w) => w.text === '{word}')"));
+        let blue = open.browser.number(&format!(
+            "(() => {{ const w = window.words.findLast((w) => w.text === '{word}'); \
+             const c = document.createElement('canvas'); c.width = w.width; c.height = 12; \
+             const to = c.getContext('2d', {{willReadFrequently: true}}); \
+             to.drawImage(w.canvas, w.width / 2 - w.x, -w.y); \
+             const d = to.getImageData(0, 0, c.width, c.height).data; let n = 0; \
+             for (let k = 0; k < d.length; k += 4) {{ const off = Math.abs(d[k]) + \
+             Math.abs(d[k + 1] - 114) + Math.abs(d[k + 2] - 178); if (off < 40 && d[k + 3] > 200) \
+             n++; }} return n; }})()"
+        ));
+        assert_eq!(blue, 0.0, "{word}");
+    }
+    let lines = "window.lines.filter((at, k) => k > 0 && at[0] === window.lines[k - 1][0]).length";
+    assert_eq!(open.browser.number(lines), 0.0);
+    assert!(open.browser.number("window.lines.length") > 1000.0);
     open.assert_quiet();
 }
 

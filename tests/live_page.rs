@@ -96,14 +96,22 @@ fn a_running_stage_is_watched_moved_and_recorded_from_the_page() {
     }
     assert_eq!(browser.text(&text("state")), "running");
 
+    // Nothing moves from under the pointer when a button changes its words.
+    let places = "JSON.stringify(['record', 'forth', 'plots'].map((id) => { \
+                  const {left, top, width} = document.getElementById(id).getBoundingClientRect(); \
+                  return [left, top, width]; }))";
+    let before_recording = browser.text(places);
     browser.click("document.getElementById('record')");
     browser.wait_until("document.getElementById('record').getAttribute('aria-pressed') === 'true'");
+    browser.wait_until(&format!("{} !== ''", text("said")));
+    assert_eq!(browser.text(places), before_recording);
 
     // 10 µm, and back by as much.
     let position = format!("Number({})", text("position"));
+    assert!(browser.text("document.getElementById('plots').textContent").contains("setpoint"));
     let before = browser.number(&position);
     browser.click("document.getElementById('forth')");
-    browser.wait_until(&format!("{}.startsWith('step of 10.000 µm')", text("said")));
+    browser.wait_until(&format!("{}.startsWith('step of 10.0 µm in 3.00 ms')", text("said")));
     browser.wait_until(&format!("Math.abs({position} - {before} - 0.01) < 0.0015"));
     browser.click("document.getElementById('back')");
     browser.wait_until(&format!("Math.abs({position} - {before}) < 0.0015"));

@@ -50,7 +50,8 @@ fn a_grid_over_the_model_and_the_controller_gives_a_row_for_each_point() {
         assert_eq!(row[place].parse::<f64>().unwrap(), peak(index));
     }
     let figure = std::fs::read_to_string(home.path().join("grid/sweep.svg")).unwrap();
-    assert!(figure.contains("over controller.bandwidth"));
+    assert!(figure.contains("over bandwidth of the controller"));
+    assert!(!figure.contains("controller.bandwidth"));
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 
@@ -17,7 +17,8 @@ use friction_stage_data::motion_file;
 use friction_stage_identify::next_experiment::trajectory_yaml;
 use friction_stage_lab::CompensationTrial;
 use friction_stage_report::compensation::{
-    TrialRuns, compensation_json, compensation_page, compensation_text, compensation_warnings,
+    TrialNames, TrialRuns, compensation_json, compensation_page, compensation_text,
+    compensation_warnings,
 };
 
 /// Play a motion without and with the compensation of what a model knows, in this process.
@@ -59,6 +60,15 @@ pub struct CompensateArgs {
     pub json: bool,
 }
 
+/// What two models are called: their files without the directories, where that tells them apart.
+fn names_of(paths: [&String; 2]) -> [String; 2] {
+    let file = |path: &String| {
+        Path::new(path).file_name().map_or(path.clone(), |name| name.to_string_lossy().into())
+    };
+    let short = paths.map(file);
+    if short[0] == short[1] { paths.map(String::clone) } else { short }
+}
+
 /// Runs the command; results go to `out`.
 pub fn run(args: &CompensateArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let points = motion_file::load(&args.motion)?;
@@ -89,8 +99,10 @@ pub fn run(args: &CompensateArgs, out: &mut dyn Write) -> anyhow::Result<Outcome
     drop(progress);
     let compensation = trial.compensation()?;
     let left_out = compensation.left_out();
+    let [known, real] = names_of([&args.model, &args.real]);
+    let names = TrialNames { known: &known, real: &real };
     let runs = TrialRuns { plain: &plain, compensated: &compensated, left_out };
-    let (page, svg) = compensation_page(&trial.real.name, &runs)?;
+    let (page, svg) = compensation_page(names, &runs)?;
     results.create()?;
     results.write("report.html", &page)?;
     results.write("error.svg", &svg)?;

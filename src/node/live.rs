@@ -27,6 +27,7 @@ use super::recorder::RecorderHandle;
 use super::wire::Tick;
 use crate::cpu;
 use friction_stage_core::control::Follower;
+use friction_stage_core::model::StageModel;
 use friction_stage_report::live::{LiveStage, live_page};
 
 /// Samples that may wait for the page: 4 s at the rate at which they are passed on.
@@ -85,7 +86,7 @@ pub type SharedFollower = Arc<Mutex<Option<Follower>>>;
 /// What the page needs of its node.
 pub struct LiveSetup {
     pub port: u16,
-    pub name: String,
+    pub model: StageModel,
     /// Hz, of a stage that drives itself.
     pub bandwidth: Option<f64>,
     /// Samples per second of the stage.
@@ -176,7 +177,7 @@ async fn serve(
     let port = setup.port;
     let served = Arc::new(Served {
         bandwidth: Mutex::new(setup.bandwidth),
-        page: live_page(&LiveStage { name: &setup.name, bandwidth: setup.bandwidth }),
+        page: live_page(&LiveStage { model: &setup.model, bandwidth: setup.bandwidth }),
         hosts: [format!("127.0.0.1:{port}"), format!("localhost:{port}")],
         frames: frames.clone(),
         pages: AtomicUsize::new(0),

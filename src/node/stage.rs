@@ -194,7 +194,7 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
         }
         Some(port) => Some(live::start(LiveSetup {
             port,
-            name: settings.model.name.clone(),
+            model: settings.model.clone(),
             bandwidth: (settings.drive == Drive::Servo).then_some(settings.servo_bandwidth),
             rate: settings.rates.control(),
             follower: followed.clone(),

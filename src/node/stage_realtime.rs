@@ -27,6 +27,7 @@ use friction_stage_core::control::{
     SupervisorSettings, Trajectory,
 };
 use friction_stage_core::plant::{Sample, Stage};
+use friction_stage_report::words::in_prefix;
 
 /// Samples that may wait for the publishing thread: 0.8 s at 10 kHz.
 const SAMPLES: usize = 8192;
@@ -504,7 +505,7 @@ impl CommandThread {
         *follower = next.clone();
         *lock(&self.followed) = Some((*next).clone());
         self.send(Order::Follow(next));
-        Ok(format!("step of {:.3} µm in {:.1} ms", 1e6 * distance, 1e3 * time))
+        Ok(format!("step of {} in {}", in_prefix(distance, "m"), in_prefix(time, "s")))
     }
 
     fn send(&mut self, order: Order) {

@@ -13,6 +13,7 @@ use friction_stage_core::control::{
 use friction_stage_core::model::{ModelError, StageModel};
 use friction_stage_core::plant::{Rates, RatesError, Stage};
 
+use super::balance::rest_to_balance;
 use super::paper::{Move, MoveKind};
 use super::settling::{MoveResult, settling};
 
@@ -71,7 +72,7 @@ pub struct TrialRun {
     pub saturated: u64,
     /// Of each move that ends in a rest.
     pub moves: Vec<MoveResult>,
-    /// Time, ns, and error, m.
+    /// Time after the start of the motion, ns, and error, m.
     #[serde(skip)]
     pub errors: Vec<(i64, f64)>,
 }
@@ -121,7 +122,8 @@ impl CompensationTrial {
         Ok((self.one(false)?, self.one(true)?))
     }
 
-    /// The run without or with it.
+    /// The run without or with it. Before the motion the stage comes into balance: what its forces
+    /// do while it is switched on is no answer to the motion.
     pub fn one(&self, compensated: bool) -> Result<TrialRun, TrialError> {
         let rates = Rates::of_control(self.settings.rate)?;
         let stage = Stage::new(&self.real, rates, self.seed)?;
@@ -130,7 +132,10 @@ impl CompensationTrial {
             Some(compensation) => self.settings.informed(compensation),
             None => self.settings.clone(),
         };
-        let trajectory = Trajectory::new(0, self.points.clone())?;
+        let rest = rest_to_balance(&self.real, &settings.gains)?;
+        let period = (1e9 / settings.rate).round() as i64;
+        let start = period * (rest * settings.rate).ceil() as i64;
+        let trajectory = Trajectory::new(start, self.points.clone())?;
         let mut run = ClosedLoop::new(stage, Controller::new(settings)?, trajectory);
         if let Some(compensation) = compensation {
             run = run.compensated(compensation);
@@ -139,8 +144,11 @@ impl CompensationTrial {
         let (mut errors, mut saturated): (Vec<(i64, f64)>, u64) = (Vec::new(), 0);
         while errors.last().is_none_or(|(time, _)| *time < end) {
             let cycle = run.cycle()?;
-            saturated += u64::from(cycle.terms.saturated);
-            errors.push((cycle.sample.time, cycle.terms.error));
+            let time = cycle.sample.time - start;
+            if time >= 0 {
+                saturated += u64::from(cycle.terms.saturated);
+                errors.push((time, cycle.terms.error));
+            }
         }
         let results = moves(&self.points)
             .iter()
@@ -263,6 +271,22 @@ mod tests {
         let fed = CompensationTrial { settings, points: trial.with_effort().unwrap(), ..trial };
         let errors = fed.one(false).unwrap();
         assert!(errors.peak < plain.peak, "{} {}", plain.peak, errors.peak);
+    }
+
+    /// A stage that is switched on is moved by its cogging, which no motor force holds yet.
+    #[test]
+    fn a_run_starts_from_balance() {
+        let mut trial = trial();
+        let cogging = [("amplitude", 6.0), ("period", 0.024), ("phase", 1.0)];
+        trial.real.effects =
+            vec![friction_stage_core::model::EffectParameters::new("cogging", cogging)];
+        for compensated in [false, true] {
+            let errors = trial.one(compensated).unwrap().errors;
+            assert_eq!(errors[0].0, 0);
+            let before = errors.iter().filter(|(time, _)| *time < 40_000_000);
+            let peak = before.map(|(_, error)| error.abs()).fold(0.0, f64::max);
+            assert!(peak < 5e-9, "{peak}");
+        }
     }
 
     #[test]

@@ -19,6 +19,7 @@
 #![warn(missing_docs)]
 
 mod application;
+mod balance;
 mod compensation_trial;
 mod dahl;
 mod distributed_fit;

@@ -18,6 +18,7 @@ use friction_stage_core::model::{Guide, GuideSource, ModelError, StageModel};
 use friction_stage_core::plant::{EffectDescriptor, Rates, RatesError, Stage};
 
 use super::application::Application;
+use super::balance::rest_to_balance;
 use super::loop_analysis::{LoopResponse, Margins, SampledStage, StageMotion, loop_frequencies};
 use super::variant::{VariantError, VariantExperiment, VariantResult};
 
@@ -593,7 +594,7 @@ fn changed(settings: &ControllerSettings, direction: usize, factor: f64) -> Cont
 }
 
 /// Position over the size of a step of the reference, on the emulator without noise: time, s, from
-/// the step on.
+/// the step on. Before it the stage comes into balance, so that nothing but the step moves it.
 pub fn step_response(
     model: &StageModel,
     settings: &ControllerSettings,
@@ -611,12 +612,17 @@ pub fn step_response(
     let period = (1e9 / settings.rate).round() as i64;
     let point = |time, position| Point { time, position, ..Point::default() };
     let end = (duration * 1e9) as i64;
-    let points = vec![point(period, 0.0), point(period + 1, size), point(end + period + 1, size)];
+    let rests = (rest_to_balance(model, &settings.gains)? * settings.rate).ceil() as i64;
+    let step = (rests + 1) * period;
+    let points = vec![point(step, 0.0), point(step + 1, size), point(step + end + 1, size)];
     let mut run = ClosedLoop::new(stage, controller, Trajectory::new(0, points)?);
+    for _ in 0..rests {
+        run.cycle()?;
+    }
     let mut response = Vec::new();
     for _ in 0..(duration * settings.rate) as usize {
         let sample = run.cycle()?.sample;
-        response.push(((sample.time - period) as f64 * 1e-9, sample.position / size));
+        response.push(((sample.time - step) as f64 * 1e-9, sample.position / size));
     }
     Ok(response)
 }
@@ -700,5 +706,19 @@ mod tests {
         // The springs of the guides hold a part of it until the integral has made up for them.
         assert!((0.9..1.5).contains(&peak), "{peak}");
         assert!((response.last().unwrap().1 - 1.0).abs() < 0.02, "{:?}", response.last());
+    }
+
+    /// What cogging does to a stage that is switched on is no answer to the step.
+    #[test]
+    fn a_step_starts_from_balance() {
+        let mut model = StageModel::on_guides("guide_2");
+        let cogging = [("amplitude", 6.0), ("period", 0.024), ("phase", 1.0)];
+        model.effects = vec![friction_stage_core::model::EffectParameters::new("cogging", cogging)];
+        let settings = ControllerSettings::of_model(&model, 60.0, 4000.0);
+        let response = step_response(&model, &settings, 1e-6, 0.2).unwrap();
+        let first = response.iter().take_while(|(time, _)| *time <= 0.0);
+        assert!(first.clone().count() >= 1 && first.clone().all(|(_, x)| x.abs() < 0.01));
+        let lowest = response.iter().map(|(_, x)| *x).fold(0.0, f64::min);
+        assert!(lowest > -0.02, "{lowest}");
     }
 }

@@ -5,16 +5,46 @@
   const get = (id) => document.getElementById(id);
   const ink = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
   const dark = matchMedia("(prefers-color-scheme: dark)");
-  const all = [["position", "position, mm"], ["error", "error, µm"], ["force", "force, N"]];
   // Without a loop of its own the stage has no error.
-  const signals = all.filter(([name]) => get(name));
+  const signals = ["position", "error", "force"].filter((name) => get(name));
+  // In mm, µm and N; what the position is to be is its sum with the error.
   const data = { t: [], position: [], error: [], force: [] };
+  // Units that are larger than those, with what they are of them.
+  const LARGER = { error: ["mm", 1e-3] };
+  const unit = { position: ["mm", 1], error: ["µm", 1], force: ["N", 1] };
+  const SMALL = { ...unit };
+  const COLOURS = { light: ["#0072b2", "#5a5a5a"], dark: ["#4aa8e0", "#b9c0c9"] };
   let plots = [];
 
+  // What a screen shows of the curves of a signal.
+  const shownData = (name) => {
+    const wide = Math.max(200, get("plots").clientWidth);
+    const of = (ys) => curves.decimated(data.t, ys, -Infinity, Infinity, wide, (y) => y != null);
+    const scaled = data[name].map((v) => (v == null ? null : v * unit[name][1]));
+    if (name !== "position" || !signals.includes("error")) return uPlot.join([of(scaled)]);
+    const setpoint = scaled.map((v, k) => (data.error[k] == null ? null : v + 1e-3 * data.error[k]));
+    return uPlot.join([of(scaled), of(setpoint)]);
+  };
   const build = () => {
     plots.forEach((plot) => plot.destroy());
     const parent = get("plots");
-    plots = signals.map(([name, label], index) => {
+    parent.replaceChildren();
+    const [own, grey] = dark.matches ? COLOURS.dark : COLOURS.light;
+    const curve = { stroke: own, width: 1.5, pxAlign: 0, points: { show: false },
+      paths: curves.straight };
+    const reference = { ...curve, stroke: grey, width: 1, dash: [5, 4] };
+    plots = signals.map((name, index) => {
+      const is_followed = name === "position" && signals.includes("error");
+      if (is_followed) {
+        const title = document.createElement("div");
+        title.className = "live-title";
+        for (const [words, colour, style] of [["position", own, ""], ["setpoint", grey, "dashed"]]) {
+          const line = Object.assign(document.createElement("i"), { className: style });
+          line.style.borderColor = colour;
+          title.append(line, words);
+        }
+        parent.append(title);
+      }
       const axis = { stroke: ink("--soft"), grid: { stroke: ink("--line"), width: 1 },
         ticks: { stroke: ink("--line") }, font: "12px system-ui, sans-serif" };
       return new uPlot({
@@ -22,11 +52,10 @@
         cursor: { show: false },
         scales: { x: { time: false } },
         axes: [{ ...axis, label: index === signals.length - 1 ? "time, s" : "", size: 30, labelSize: 20 },
-          { ...axis, label, size: 96,
+          { ...axis, label: `${name}, ${unit[name][0]}`, size: 96,
             values: (u, splits) => splits.map((v) => String(Number(v.toPrecision(6)))) }],
-        series: [{}, { stroke: dark.matches ? "#4aa8e0" : "#0072b2", width: 1.5,
-          pxAlign: 0, points: { show: false } }],
-      }, [data.t, data[name]], parent);
+        series: is_followed ? [{}, curve, reference] : [{}, curve],
+      }, shownData(name), parent);
     });
   };
   build();
@@ -52,9 +81,20 @@
   let asked = 0;
   const draw = () => {
     waiting = false;
-    signals.forEach(([name], index) => {
-      plots[index].setData([data.t, data[name]]);
-      get(name).textContent = short(data[name][data[name].length - 1]);
+    // Thousands of a small unit are some of the next one.
+    let changed = false;
+    for (const name of Object.keys(LARGER).filter((name) => get(name))) {
+      const largest = data[name].reduce((most, v) => Math.max(most, Math.abs(v ?? 0)), 0);
+      const wanted = largest >= 1e3 ? LARGER[name] : SMALL[name];
+      changed = changed || wanted !== unit[name];
+      unit[name] = wanted;
+      get(`${name}-unit`).textContent = wanted[0];
+    }
+    if (changed) build();
+    signals.forEach((name, index) => {
+      if (!changed) plots[index].setData(shownData(name));
+      const last = data[name][data[name].length - 1];
+      get(name).textContent = short(last == null ? null : last * unit[name][1]);
     });
   };
   socket.onmessage = (event) => {
@@ -71,12 +111,12 @@
     }
     if (!told.t) return;
     data.t.push(...told.t);
-    for (const [name] of signals) data[name].push(...told[name]);
+    for (const name of signals) data[name].push(...told[name]);
     const least = data.t[data.t.length - 1] - SECONDS;
     const old = data.t.findIndex((t) => t >= least);
     if (old > 0) {
       data.t.splice(0, old);
-      for (const [name] of signals) data[name].splice(0, old);
+      for (const name of signals) data[name].splice(0, old);
     }
     if (!waiting) { waiting = true; requestAnimationFrame(draw); }
   };

@@ -43,48 +43,11 @@
     return (read[index] = out);
   };
 
-  // First place in a growing column whose value is not below x.
-  const place = (xs, x) => {
-    let low = 0, high = xs.length;
-    while (low < high) {
-      const middle = (low + high) >> 1;
-      if (xs[middle] < x) low = middle + 1; else high = middle;
-    }
-    return low;
-  };
   const nearest = (xs, x) => {
-    const at = place(xs, x);
+    const at = curves.place(xs, x);
     if (at === 0) return 0;
     if (at === xs.length) return at - 1;
     return x - xs[at - 1] < xs[at] - x ? at - 1 : at;
-  };
-
-  // What a range of x shows of a curve: of each column of the screen the first, the last and the
-  // extremes. A gap is null.
-  const decimated = (xs, ys, from, to, columns, log) => {
-    const first = Math.max(0, place(xs, from) - 1);
-    const last = Math.min(xs.length, place(xs, to) + 1);
-    const px = [], py = [];
-    const shown = (y) => Number.isFinite(y) && (!log || y > 0);
-    const put = (k) => { px.push(xs[k]); py.push(shown(ys[k]) ? ys[k] : null); };
-    const width = Math.ceil((last - first) / columns);
-    if (width < 5) {
-      for (let k = first; k < last; k++) put(k);
-      return [px, py];
-    }
-    for (let start = first; start < last; start += width) {
-      const end = Math.min(start + width, last);
-      let low = -1, high = -1, gap = -1;
-      for (let k = start; k < end; k++) {
-        const y = ys[k];
-        if (!shown(y)) { gap = k; continue; }
-        if (low < 0 || y < ys[low]) low = k;
-        if (high < 0 || y > ys[high]) high = k;
-      }
-      const kept = [start, low, high, gap, end - 1].filter((k) => k >= 0).sort((a, b) => a - b);
-      kept.forEach((k, i) => { if (i === 0 || k !== kept[i - 1]) put(k); });
-    }
-    return [px, py];
   };
 
   // Digits with which values of this size are told apart at steps of that size: six, or more.
@@ -162,6 +125,60 @@
     }
     return marks;
   };
+  // Numbers along the abscissa without those that would lie on another one: zero stays, then whole
+  // powers, and of these the largest.
+  const apart = (u, splits, texts) => {
+    u.ctx.save();
+    u.ctx.font = `${12 * devicePixelRatio}px system-ui, sans-serif`;
+    const half = texts.map((text) => u.ctx.measureText(text).width / devicePixelRatio / 2 + 3);
+    u.ctx.restore();
+    const rank = (v) => {
+      const power = Math.log10(Math.abs(v));
+      return v === 0 ? 0 : Math.abs(power - Math.round(power)) < 1e-9 ? 1 : 2;
+    };
+    const order = splits.map((v, k) => k).filter((k) => texts[k] !== "").sort((a, b) =>
+      rank(splits[a]) - rank(splits[b]) || Math.abs(splits[b]) - Math.abs(splits[a]));
+    const at = splits.map((v) => u.valToPos(v, "x"));
+    const kept = [];
+    for (const k of order) {
+      if (kept.every((o) => Math.abs(at[k] - at[o]) > half[k] + half[o])) kept.push(k);
+    }
+    return texts.map((text, k) => (kept.includes(k) ? text : ""));
+  };
+  // Whether a straight line goes through a rectangle: left, top, right, bottom.
+  const crosses = ([x0, y0], [x1, y1], [left, top, right, bottom]) => {
+    let from = 0, to = 1;
+    for (const [at, by, low, high] of [[x0, x1 - x0, left, right], [y0, y1 - y0, top, bottom]]) {
+      if (by === 0) {
+        if (at < low || at > high) return false;
+        continue;
+      }
+      const a = (low - at) / by, b = (high - at) / by;
+      from = Math.max(from, Math.min(a, b));
+      to = Math.min(to, Math.max(a, b));
+    }
+    return from <= to;
+  };
+  // Takes the first of some places for a word that is free, or the one that the fewest curves cross;
+  // none where all of them lie on words or leave the frame. As `room.rs` for the drawings.
+  const take = (places, frame, drawn, taken) => {
+    let best = null, least = Infinity;
+    for (const place of places) {
+      const [left, top, right, bottom] = place;
+      if (left < frame[0] || top < frame[1] || right > frame[2] || bottom > frame[3]) continue;
+      if (taken.some((o) => left < o[2] && o[0] < right && top < o[3] && o[1] < bottom)) continue;
+      let count = 0;
+      for (const points of drawn) {
+        for (let k = 1; k < points.length && count < least; k++) {
+          if (points[k - 1] && points[k] && crosses(points[k - 1], points[k], place)) count++;
+        }
+      }
+      if (count < least) { best = place; least = count; }
+      if (count === 0) break;
+    }
+    if (best) taken.push(best);
+    return best;
+  };
   const element = (parent, tag, properties) => {
     const made = Object.assign(document.createElement(tag), properties);
     parent.append(made);
@@ -181,8 +198,7 @@
       const xlog = chart.x.log;
       let low = Infinity, high = -Infinity;
       // From the first point to the last that are seen: what has no value takes no room.
-      const seen = ({ x, y }, k) => Number.isFinite(y[k]) && (!chart.y.log || y[k] > 0)
-        && (!xlog || x[k] > 0);
+      const seen = ({ x, y }, k) => this.has(y[k]) && (!xlog || x[k] > 0);
       for (const curve of this.curves) {
         let first = 0, last = curve.x.length - 1;
         while (first <= last && !seen(curve, first)) first++;
@@ -246,7 +262,8 @@
         const button = element(parent, "button", { type: "button", className: "plot-curve" });
         button.setAttribute("aria-pressed", "true");
         curve.swatch = element(button, "i", {});
-        if (curve.dash) curve.swatch.className = "dashed";
+        if (curve.dashed) curve.swatch.className = "dashed";
+        else if (curve.wider) curve.swatch.style.borderTopWidth = `${3 + curve.wider}px`;
         if (!curve.line) curve.swatch.className = curve.open ? "ring" : "mark";
         element(button, "span", { textContent: curve.name });
         curve.out = element(button, "output", { className: "plot-value" });
@@ -262,7 +279,7 @@
       this.chart.bands.forEach((band, index) => {
         if (band.name === "" || level(band)) return;
         const key = element(parent, "span", { className: "plot-band" });
-        band.swatch = element(key, "i", { className: band.low === band.high ? "dashed" : "" });
+        band.swatch = element(key, "i", { className: band.low === band.high ? "dotted" : "" });
         band.index = index;
         element(key, "span", { textContent: band.name });
       });
@@ -301,9 +318,11 @@
         values: (u, splits) => {
           const { min, max } = u.scales[name];
           const named = new Set(marksOf(u, name, min, max).filter((m) => m.named).map((m) => m.at));
-          const texts = splits.map((v) => (named.has(v) ? axisNumber(v) : ""));
-          return !/e/.test(texts.join("")) ? texts
-            : texts.map((text, k) => (["", "0", "1"].includes(text) ? text : power(splits[k])));
+          let texts = splits.map((v) => (named.has(v) ? axisNumber(v) : ""));
+          if (/e/.test(texts.join(""))) {
+            texts = texts.map((text, k) => (["", "0", "1"].includes(text) ? text : power(splits[k])));
+          }
+          return name === "x" ? apart(u, splits, texts) : texts;
         },
       });
       const room = (u, name) => (name === "x" ? u.width / 60 : u.height / 30);
@@ -346,9 +365,10 @@
         series: [{}, ...this.curves.map((curve) => ({
           label: curve.name, show: curve.on, stroke: colour(curve.colour), spanGaps: false,
           // Points are not moved to whole pixels, as those of the axes are.
-          pxAlign: 0, width: curve.thin ? 1 : 1.6, dash: curve.dash ?? undefined,
-          paths: curve.line ? undefined : () => null,
-          points: { show: curve.marks > 0, size: curve.marks, width: curve.open ? 2 : 1,
+          pxAlign: 0, width: (curve.dashed ? 1 : 1.6) + curve.wider,
+          dash: curve.dashed ? [5, 4] : undefined,
+          paths: curve.line ? curves.straight : () => null,
+          points: { show: curve.marks > 0, size: curve.marks + curve.wider, width: curve.open ? 2 : 1,
             fill: curve.open ? "transparent" : colour(curve.colour) },
         }))],
         cursor: { drag: { x: true, y: false, setScale: false }, points: { show: false },
@@ -378,7 +398,13 @@
     data() {
       const columns = Math.max(200, this.stage.clientWidth) / COLUMN_PIXELS;
       return uPlot.join(this.curves.map((curve) =>
-        decimated(curve.x, curve.y, ...this.shown, columns, this.chart.y.log)));
+        curves.decimated(curve.x, curve.y, ...this.shown, columns, (y) => this.has(y))));
+    }
+
+    // Whether an ordinate has a place.
+    has(y) {
+      const { log, from } = this.chart.y;
+      return Number.isFinite(y) && (!log || y > 0) && (from == null || y >= from);
     }
 
     // The range of y for what is seen of the curves; the lines belong to the whole view.
@@ -397,7 +423,7 @@
       // Words at peaks have room above them.
       const above = this.chart.labels.length > 0 ? 2.5 : 1;
       if (log) {
-        low = Math.max(low, high * LEAST);
+        low = Math.max(low, high * LEAST, this.chart.y.from ?? 0);
         const pad = Math.max(Math.pow(high / low, 0.05), 1.1);
         return [low / pad, high * Math.pow(pad, above)];
       }
@@ -420,8 +446,8 @@
         context.strokeStyle = context.fillStyle = level(band) ? ink("--soft") : bandColour(index);
         if (band.low === band.high) {
           if (band.low < scale.min || band.low > scale.max) return;
-          context.setLineDash([8, 5]);
-          context.lineWidth = devicePixelRatio;
+          context.setLineDash([2 * devicePixelRatio, 3 * devicePixelRatio]);
+          context.lineWidth = 1.5 * devicePixelRatio;
           context.beginPath();
           if (band.axis === "x") { context.moveTo(a, top); context.lineTo(a, top + height); }
           else { context.moveTo(left, a); context.lineTo(left + width, a); }
@@ -472,35 +498,49 @@
       context.save();
       context.font = `${12 * size}px system-ui, sans-serif`;
       context.fillStyle = ink("--soft");
-      context.textAlign = "right";
+      context.textBaseline = "top";
+      context.textAlign = "center";
+      const frame = [left, top, left + width, top + height], high = 14 * size, taken = [];
+      const named = this.chart.bands.some(level) || this.chart.labels.length > 0;
+      const drawn = named ? this.curves.map((curve, k) => (curve.on ? curves.points(u, k + 1) : [])) : [];
+      const put = (text, [from, above, to]) => write(text, (from + to) / 2, above + size);
       for (const band of this.chart.bands.filter(level)) {
         if (band.low < u.scales.y.min || band.low > u.scales.y.max) continue;
-        const y = u.valToPos(band.low, "y", true), under = y - top < 18 * size;
-        context.textBaseline = under ? "top" : "bottom";
-        write(band.name, left + width - 4 * size, y + (under ? 3 : -2) * size);
+        const y = u.valToPos(band.low, "y", true), wide = context.measureText(band.name).width;
+        const free = width - wide - 8 * size;
+        const place = take([0, 1, 0.5, 0.25, 0.75].flatMap((part) => {
+          const end = frame[2] - 4 * size - part * free;
+          return [y - high - size, y + 3 * size].map((from) => [end - wide, from, end, from + high]);
+        }), frame, drawn, taken);
+        if (place) put(band.name, place);
       }
-      context.fillStyle = context.strokeStyle = ink("--ink");
-      context.textBaseline = "bottom";
-      context.textAlign = "center";
-      // Of two that would overlap, the first.
-      const taken = [];
       for (const label of this.chart.labels) {
         if (label.x < this.shown[0] || label.x > this.shown[1]) continue;
         const x = u.valToPos(label.x, "x", true), y = u.valToPos(label.y, "y", true);
         if (y < top || y > top + height) continue;
-        const half = context.measureText(label.text).width / 2 + 2 * size;
-        const middle = Math.max(Math.min(x, left + width - half), left + half);
-        // Above its point, or below it where there is no room.
-        const free = (base) => base - 14 * size >= top && !taken.some((o) => middle - half < o[1]
-          && o[0] < middle + half && base - 14 * size < o[3] && o[2] < base);
-        const base = [y - 6 * size, y + 20 * size].find(free);
-        if (base === undefined) continue;
-        const box = [middle - half, middle + half, base - 14 * size, base];
-        taken.push(box);
+        const wide = context.measureText(label.text).width + 4 * size, gap = 7 * size;
+        const places = [];
+        // Above its point, below it, and farther off along both axes; at an edge within the frame.
+        for (let row = 0; row < 5; row++) {
+          const off = gap + 1.2 * row * high;
+          for (const aside of [0, -wide / 2 - gap, wide / 2 + gap]) {
+            const from = Math.max(Math.min(x - wide / 2 + aside, frame[2] - wide), left);
+            for (const above of [y - off - high, y + off]) {
+              places.push([from, above, from + wide, above + high]);
+            }
+          }
+        }
+        const place = take(places, frame, drawn, taken);
+        if (!place) continue;
+        context.strokeStyle = ink("--soft");
+        context.lineWidth = size;
         context.beginPath();
-        context.arc(x, y, 4 * size, 0, 2 * Math.PI);
+        context.moveTo(x, y);
+        context.lineTo(Math.max(Math.min(x, place[2]), place[0]),
+          Math.max(Math.min(y, place[3]), place[1]));
         context.stroke();
-        write(label.text, middle, base);
+        context.fillStyle = ink("--ink");
+        put(label.text, place);
       }
       context.restore();
     }

@@ -8,6 +8,7 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::figure::FigureError;
+use super::room::{Rect, Room, places_at};
 use friction_stage_core::numerics::rounded;
 
 /// How a series is drawn.
@@ -15,7 +16,8 @@ use friction_stage_core::numerics::rounded;
 pub enum Style {
     /// A line.
     Line,
-    /// Thin and dashed: a prediction beside a measurement.
+    /// Thin and dashed: what a curve is compared with and is no result itself, such as a reference
+    /// or a law. Nothing else is dashed.
     Dashed,
     /// Marks at its points.
     Marks,
@@ -63,9 +65,9 @@ pub enum Axis {
     Y,
 }
 
-/// A range of an axis that means something: what noise alone makes, what counts as settled. A line
-/// where both ends are the same; a level, a line along the abscissa, has its name where it is
-/// drawn.
+/// A range of an axis that means something: what noise alone makes, what counts as settled. A
+/// dotted line where both ends are the same; a level, a line along the abscissa, has its name where
+/// it is drawn.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Band {
     /// Name in the legend, or at a level.
@@ -162,12 +164,17 @@ pub struct Chart {
     pub x_least: Option<(f64, f64)>,
     /// A value that the ordinate shows in any case.
     pub y_least: Option<f64>,
+    /// Where a logarithmic ordinate begins at the lowest: what is below is no result.
+    pub y_from: Option<f64>,
 }
 
 /// Size of a figure, px.
 pub(crate) const SIZE: (u32, u32) = (900, 420);
 /// Size of the axes of one for a narrow screen, px.
 const NARROW: (u32, u32) = (360, 300);
+/// Margin of a figure, and room for the ordinate's numbers and its title, px.
+const MARGIN: u32 = 12;
+const Y_LABELS: u32 = 72;
 /// One px in the units of a drawing: its points are whole units, and a curve needs finer ones.
 pub(crate) const PX: u32 = 10;
 /// Width of the legend at its right: line and margins, what a character takes, and its limits.
@@ -193,8 +200,16 @@ const LEVEL: RGBColor = RGBColor(90, 90, 90);
 const DECADES: i32 = 12;
 /// Dash and gap of a thin line, px.
 const DASH: [u32; 2] = [5, 4];
-/// Length of a dash with its gap where a line lies on others, px.
-const LONG_DASH: u32 = 18;
+/// Dot and gap of a limit or another line across the whole chart, px.
+const DOT: [u32; 2] = [2, 3];
+/// Its width.
+const DOT_WIDTH: u32 = 3 * PX / 2;
+/// By how much a line is wider than each line that lies on it, px.
+const WIDER: u32 = 2;
+/// Room that a number of the abscissa needs, px.
+const X_NUMBER: u32 = 50;
+/// Height of a word, and what a character of it takes, px.
+const WORD: (i32, i32) = (14, 8);
 /// A line lies on another where most of its length, seen at so many columns, is no farther from it
 /// than this part of the height: two widths of a line.
 const COMPARED: usize = 100;
@@ -238,6 +253,7 @@ impl Chart {
             x_names: Vec::new(),
             x_least: None,
             y_least: None,
+            y_from: None,
         }
     }
 
@@ -303,59 +319,75 @@ impl Chart {
         self.series.iter().all(|series| series.points.is_sorted_by(|a, b| a.0 < b.0))
     }
 
-    /// Dash and gap of each line, px; none for a solid one. One that lies on earlier lines has gaps
-    /// in which they are seen, the longer the more there are.
-    pub(crate) fn dashes(&self) -> Vec<Option<[u32; 2]>> {
+    /// Series that lie on an earlier one, most of their way and of its way, with that one.
+    fn overlaps(&self) -> Vec<(usize, usize)> {
         let axes = (self.range(Axis::X), self.range(Axis::Y));
-        let solid = |series: &Series| matches!(series.style, Style::Line | Style::Both);
-        self.series
-            .iter()
-            .enumerate()
-            .map(|(index, line)| match line.style {
-                Style::Dashed => Some(DASH),
-                Style::Marks | Style::Rings => None,
-                Style::Line | Style::Both => {
-                    let earlier = self.series[..index].iter().filter(|earlier| {
-                        solid(earlier)
-                            && earlier.colour != line.colour
-                            && self.lies_on(line, earlier, &axes)
-                    });
-                    let below = earlier.count() as u32;
-                    let dash = LONG_DASH / (below + 1);
-                    (below > 0).then_some([dash.max(2), LONG_DASH - dash])
-                }
-            })
-            .collect()
+        // A reference may lie on its curve, and what is measured on its law.
+        let kind = |series: &Series| (series.style == Style::Dashed, series.style.has_line());
+        let lies_on = |upper: &Series, lower: &Series| {
+            kind(upper) == kind(lower)
+                && upper.style != Style::Rings
+                && upper.colour != lower.colour
+                && self.lies_on(upper, lower, &axes)
+                && self.lies_on(lower, upper, &axes)
+        };
+        let of = |upper: usize| {
+            let lower =
+                (0..upper).filter(move |&lower| lies_on(&self.series[upper], &self.series[lower]));
+            lower.map(move |lower| (upper, lower))
+        };
+        (0..self.series.len()).flat_map(of).collect()
+    }
+
+    /// By how much each series is wider than usual, px: one that others lie on shows at their
+    /// sides.
+    pub(crate) fn wider(&self) -> Vec<u32> {
+        let overlaps = self.overlaps();
+        let above = |index| overlaps.iter().filter(|(_, lower)| *lower == index).count() as u32;
+        (0..self.series.len()).map(|index| WIDER * above(index)).collect()
+    }
+
+    /// Which named curves lie on which, as a sentence; none where none does.
+    pub(crate) fn overlaps_in_words(&self) -> Option<String> {
+        let overlaps = self.overlaps();
+        let name = |index: usize| self.series[index].name.as_str();
+        let of = |upper: usize| {
+            let pairs = overlaps.iter().filter(|pair| pair.0 == upper);
+            let lower: Vec<&str> =
+                pairs.map(|pair| name(pair.1)).filter(|name| !name.is_empty()).collect();
+            let is_told = !lower.is_empty() && !name(upper).is_empty();
+            let quoted = |name: &str| format!("\u{201c}{name}\u{201d}");
+            let lower: Vec<String> = lower.into_iter().map(quoted).collect();
+            is_told.then(|| format!("{} lies on {}", quoted(name(upper)), lower.join(" and on ")))
+        };
+        let told: Vec<String> = (0..self.series.len()).filter_map(of).collect();
+        let end = "what lies below is drawn wider.";
+        (!told.is_empty()).then(|| format!("Here {}; {end}", told.join("; ")))
     }
 
     /// Whether most of the length of a line is where another one is.
     fn lies_on(&self, line: &Series, other: &Series, (x_axis, y_axis): &(Span, Span)) -> bool {
-        let rises = |series: &Series| series.points.is_sorted_by(|a, b| a.0 < b.0);
-        let (Some(first), Some(last)) = (other.points.first(), other.points.last()) else {
-            return false;
-        };
-        if !rises(line) || !rises(other) {
-            return false;
-        }
         let at = |point: &(f64, f64)| {
             (area_part(x_axis, point.0, self.x_scale), area_part(y_axis, point.1, self.y_scale))
         };
-        let is_near = |point: &(f64, f64)| {
-            if point.0 < first.0 || point.0 > last.0 {
-                return false;
-            }
-            let after = other.points.partition_point(|there| there.0 < point.0);
-            let (right, left) = (other.points[after], other.points[after.saturating_sub(1)]);
-            let part = if right.0 > left.0 { (point.0 - left.0) / (right.0 - left.0) } else { 0.0 };
-            let there = (point.0, left.1 + part * (right.1 - left.1));
-            (at(point).1 - at(&there).1).abs() <= NEAR
+        let seen = |series: &Series, columns: usize| -> Vec<(f64, f64)> {
+            let points = decimated(&series.points, columns).into_iter();
+            points.filter(|point| self.shown(point)).collect()
         };
-        let seen: Vec<(f64, f64)> = decimated(&line.points, COMPARED)
-            .into_iter()
-            .filter(|point| self.shown(point))
-            .collect();
+        let rises = |series: &Series| series.points.is_sorted_by(|a, b| a.0 < b.0);
+        let is_function = rises(line) && rises(other);
+        let along: Vec<(f64, f64)> =
+            if is_function { Vec::new() } else { seen(other, COMPARED).iter().map(at).collect() };
+        let is_near = |point: &(f64, f64)| match is_function {
+            true => height_at(&other.points, point.0)
+                .is_some_and(|there| (at(point).1 - at(&(point.0, there)).1).abs() <= NEAR),
+            false => {
+                let from = at(point);
+                along.windows(2).any(|piece| distance(from, piece[0], piece[1]) <= NEAR)
+            }
+        };
         let (mut near, mut length) = (0.0, 0.0);
-        for pair in seen.windows(2) {
+        for pair in seen(line, COMPARED).windows(2) {
             let (from, to) = (at(&pair[0]), at(&pair[1]));
             let piece = (to.0 - from.0).hypot(to.1 - from.1);
             length += piece;
@@ -415,8 +447,9 @@ impl Chart {
         let (x, y) = (self.range(Axis::X), self.range(Axis::Y));
         let spread =
             |range: Span, scale, room| Spread { marks: marks(&range, scale, room), range, scale };
-        let (x_spread, y_spread) =
+        let (mut x_spread, y_spread) =
             (spread(x.clone(), self.x_scale, 9.0), spread(y.clone(), self.y_scale, 8.0));
+        x_spread.keep_apart(f64::from(self.width_between(area, legend)) / f64::from(PX));
         match (self.x_scale == Scale::Linear, self.y_scale == Scale::Linear) {
             (true, true) => self.draw(area, legend, x, y),
             (false, true) => self.draw(area, legend, x_spread, y),
@@ -426,7 +459,8 @@ impl Chart {
     }
 
     fn shown(&self, point: &(f64, f64)) -> bool {
-        self.x_scale.has(point.0) && self.y_scale.has(point.1)
+        let is_above = self.y_from.is_none_or(|from| point.1 >= from);
+        self.x_scale.has(point.0) && self.y_scale.has(point.1) && is_above
     }
 
     /// Whether a band has a place on its axis: a logarithmic one has none at zero.
@@ -481,6 +515,12 @@ impl Chart {
         }
     }
 
+    /// Width of the frame, in units of the drawing.
+    fn width_between(&self, area: &Area, legend: u32) -> u32 {
+        let sides = legend + (MARGIN + Y_LABELS) * PX;
+        area.dim_in_pixel().0.saturating_sub(sides)
+    }
+
     fn draw<X, Y>(&self, area: &Area, legend: u32, x: X, y: Y) -> Drawn
     where
         X: AsRangedCoord<Value = f64>,
@@ -489,18 +529,19 @@ impl Chart {
         Y::CoordDescType: Ranged<ValueType = f64> + ValueFormatter<f64>,
     {
         let (x_range, y_range) = (self.range(Axis::X), self.range(Axis::Y));
+        let numbers = (self.width_between(area, legend) / (X_NUMBER * PX)).clamp(3, 9) as usize;
         let mut chart = ChartBuilder::on(area)
             .caption(&self.title, font(18))
-            .margin(12 * PX)
+            .margin(MARGIN * PX)
             .margin_right(legend)
             .x_label_area_size(44 * PX)
-            .y_label_area_size(72 * PX)
+            .y_label_area_size(Y_LABELS * PX)
             .build_cartesian_2d(x, y)?;
         chart
             .configure_mesh()
             .x_desc(&self.x_label)
             .y_desc(&self.y_label)
-            .x_labels(if self.x_names.is_empty() { 9 } else { self.x_names.len() + 1 })
+            .x_labels(if self.x_names.is_empty() { numbers } else { self.x_names.len() + 1 })
             .y_labels(8)
             .x_label_formatter(&|value| match self.x_names.is_empty() {
                 true => tick(*value, &x_range, self.x_scale),
@@ -525,36 +566,36 @@ impl Chart {
             };
             let colour = if band.is_level() { LEVEL } else { band_colour(index) };
             if band.low == band.high {
-                chart.draw_series(DashedLineSeries::new(
-                    corners,
-                    8 * PX,
-                    4 * PX,
-                    colour.stroke_width(PX),
-                ))?;
+                let [dot, gap] = DOT.map(|length| length * PX);
+                let stroke = colour.stroke_width(DOT_WIDTH);
+                chart.draw_series(DashedLineSeries::new(corners, dot, gap, stroke))?;
             } else {
                 chart.draw_series([Rectangle::new(corners, colour.mix(BAND_OPACITY).filled())])?;
             }
         }
-        let dashes = self.dashes();
-        for (series, dash) in self.series.iter().zip(&dashes) {
-            let colour = COLOURS[series.colour % COLOURS.len()];
-            let width = if series.style == Style::Dashed { PX } else { 2 * PX };
+        let wider = self.wider();
+        let has_words = !self.labels.is_empty() || self.bands.iter().any(Band::is_level);
+        let mut curves: Vec<Vec<(i32, i32)>> = Vec::new();
+        for (series, wider) in self.series.iter().zip(&wider) {
+            let stroke = series.stroke(*wider);
             // What is not there is a gap and no line.
             for piece in series.points.split(|point| !self.shown(point)) {
                 let points = decimated(piece, COLUMNS);
                 let line = points.iter().copied();
-                match dash {
-                    _ if !series.style.has_line() => {}
-                    None => {
-                        chart.draw_series(LineSeries::new(line, colour.stroke_width(width)))?;
+                match series.style {
+                    Style::Marks | Style::Rings => {}
+                    Style::Line | Style::Both => {
+                        chart.draw_series(LineSeries::new(line, stroke))?;
                     }
-                    Some([dash, gap]) => {
-                        let stroke = colour.stroke_width(width);
-                        let (dash, gap) = (dash * PX, gap * PX);
+                    Style::Dashed => {
+                        let [dash, gap] = DASH.map(|length| length * PX);
                         chart.draw_series(DashedLineSeries::new(line, dash, gap, stroke))?;
                     }
                 }
-                if let Some((radius, style)) = mark(series) {
+                if has_words {
+                    curves.push(points.iter().map(|at| chart.backend_coord(at)).collect());
+                }
+                if let Some((radius, style)) = mark(series, *wider) {
                     let marks = points.into_iter().map(|at| Circle::new(at, radius, style));
                     chart.draw_series(marks)?;
                 }
@@ -568,47 +609,36 @@ impl Chart {
                 chart.draw_series(LineSeries::new(line, LEVEL.stroke_width(PX)))?;
             }
         }
-        for band in self.bands.iter().filter(|band| band.is_level() && self.has(band)) {
-            // Where there is no room above it, below.
-            let under = area_part(&y_range, band.low, self.y_scale) > 0.94;
-            let (at, off) = if under { (VPos::Top, px(4)) } else { (VPos::Bottom, px(-3)) };
-            let style = word.pos(Pos::new(HPos::Right, at)).color(&LEVEL);
-            let width = px(8) * band.name.chars().count() as i32;
-            let (from, to) = if under { (off, off + px(14)) } else { (off - px(14), off) };
-            let ground = [(px(-4) - width, from), (px(-2), to)];
-            chart.draw_series([EmptyElement::at((x_range.end, band.low))
-                + Rectangle::new(ground, WHITE.mix(0.75).filled())
-                + Text::new(band.name.clone(), (px(-4), off), style)])?;
-        }
-        let ((left, right), (top, _)) = {
+        let frame = {
             let (x, y) = chart.plotting_area().get_pixel_range();
-            ((x.start, x.end), (y.start, y.end))
+            [x.start, y.start, x.end, y.end]
         };
-        let mut taken: Vec<[i32; 4]> = Vec::new();
+        let mut room = Room { frame, curves, taken: Vec::new() };
+        // On curves a word stays legible by a ground of its own.
+        let ground = WHITE.mix(0.75).filled();
+        let size = |text: &str| (px(WORD.1) * text.chars().count() as i32, px(WORD.0));
+        for band in self.bands.iter().filter(|band| band.is_level() && self.has(band)) {
+            let at = (x_range.end, band.low);
+            let (right, y) = chart.backend_coord(&at);
+            let places = places_along((frame[0], right), y, size(&band.name));
+            let Some([left, top, end, bottom]) = room.take(places) else { continue };
+            let style = word.pos(Pos::new(HPos::Right, VPos::Top)).color(&LEVEL);
+            chart.draw_series([EmptyElement::at(at)
+                + Rectangle::new([(left - right, top - y), (end - right, bottom - y)], ground)
+                + Text::new(band.name.clone(), (end - right, top - y), style)])?;
+        }
         for label in self.labels.iter().filter(|label| self.shown(&label.at)) {
             let (x, y) = chart.backend_coord(&label.at);
-            // Above its point, or below it where there is no room, and within the frame.
-            let half = px(4) * label.text.chars().count() as i32;
-            let middle = x.clamp(left + half, (right - half).max(left + half));
-            let is_free = |from: &i32| {
-                let overlaps = |o: &[i32; 4]| {
-                    middle - half < o[1]
-                        && o[0] < middle + half
-                        && *from < o[3]
-                        && o[2] < *from + px(14)
-                };
-                *from >= top && !taken.iter().any(overlaps)
-            };
-            let Some(from) = [y - px(20), y + px(6)].into_iter().find(is_free) else { continue };
-            let box_ = [middle - half, middle + half, from, from + px(14)];
-            taken.push(box_);
+            let places = places_at((x, y), size(&label.text), px(7));
+            // At an edge it is within the frame.
+            let places = places.into_iter().map(|place| inside(place, &frame));
+            let Some([left, top, right, bottom]) = room.take(places) else { continue };
             let style = word.pos(Pos::new(HPos::Center, VPos::Top));
-            // On curves it stays legible by a ground of its own.
-            let ground = [(middle - half - x, from - y), (middle + half - x, from - y + px(14))];
+            let to = (x.clamp(left, right) - x, y.clamp(top, bottom) - y);
             chart.draw_series([EmptyElement::at(label.at)
-                + Rectangle::new(ground, WHITE.mix(0.75).filled())
-                + Circle::new((0, 0), px(3), BLACK.stroke_width(PX))
-                + Text::new(label.text.clone(), (middle - x, from - y), style)])?;
+                + PathElement::new(vec![(0, 0), to], LEVEL.stroke_width(PX))
+                + Rectangle::new([(left - x, top - y), (right - x, bottom - y)], ground)
+                + Text::new(label.text.clone(), ((left + right) / 2 - x, top - y), style)])?;
         }
         Ok(())
     }
@@ -616,21 +646,22 @@ impl Chart {
     /// What each line, mark and band is, below each other.
     fn draw_legend(&self, area: &Area, (left, mut y): (i32, i32)) -> Drawn {
         let style = font(13).into_text_style(area).pos(Pos::new(HPos::Left, VPos::Center));
-        let dashes = self.dashes();
-        let named = self.series.iter().zip(&dashes).filter(|(series, _)| !series.name.is_empty());
-        for (series, dash) in named {
-            let colour = COLOURS[series.colour % COLOURS.len()];
-            if series.style.has_line() {
-                let width = if series.style == Style::Dashed { PX } else { 2 * PX };
-                let end = left + px(22);
-                let [dash, gap] = dash.map_or([px(22), px(1)], |dash| dash.map(|d| px(d as i32)));
-                for x in (left..end).step_by((dash + gap) as usize) {
-                    let to = (x + dash).min(end);
-                    let stroke = colour.stroke_width(width);
-                    area.draw(&PathElement::new([(x, y), (to, y)], stroke))?;
-                }
+        let wider = self.wider();
+        let named = self.series.iter().zip(&wider).filter(|(series, _)| !series.name.is_empty());
+        let line = |y: i32, [dash, gap]: [u32; 2], stroke: ShapeStyle| -> Drawn {
+            let end = left + px(22);
+            for x in (left..end).step_by(((dash + gap) * PX) as usize) {
+                let to = (x + px(dash as i32)).min(end);
+                area.draw(&PathElement::new([(x, y), (to, y)], stroke))?;
             }
-            if let Some((radius, style)) = mark(series) {
+            Ok(())
+        };
+        for (series, wider) in named {
+            if series.style.has_line() {
+                let dash = if series.style == Style::Dashed { DASH } else { [22, 1] };
+                line(y, dash, series.stroke(*wider))?;
+            }
+            if let Some((radius, style)) = mark(series, *wider) {
                 area.draw(&Circle::new((left + px(11), y), radius, style))?;
             }
             area.draw(&Text::new(series.name.clone(), (left + px(28), y), style.clone()))?;
@@ -640,10 +671,7 @@ impl Chart {
         for (index, band) in bands.filter(|(_, band)| self.in_legend(band)) {
             let colour = band_colour(index);
             if band.low == band.high {
-                let stroke = colour.stroke_width(PX);
-                for (from, to) in [(0, px(9)), (px(13), px(22))] {
-                    area.draw(&PathElement::new([(left + from, y), (left + to, y)], stroke))?;
-                }
+                line(y, DOT, colour.stroke_width(DOT_WIDTH))?;
             } else {
                 let box_ = [(left, y - px(6)), (left + px(22), y + px(6))];
                 area.draw(&Rectangle::new(box_, colour.mix(2.0 * BAND_OPACITY).filled()))?;
@@ -691,6 +719,42 @@ pub(crate) fn document(
     Ok(text.replace(forbidden, "\u{fffd}"))
 }
 
+/// Places for the name of a level: at its right end, its left one and between, above and below.
+fn places_along((left, right): (i32, i32), y: i32, (width, height): (i32, i32)) -> Vec<Rect> {
+    let ends =
+        [0, 4, 2, 1, 3].map(|part| right - px(4) - (right - left - width - px(8)) * part / 4);
+    let rows = [y - height - px(2), y + px(3)];
+    let place = |end: i32| rows.map(|top| [end - width, top, end, top + height]);
+    ends.into_iter().flat_map(place).collect()
+}
+
+/// A place moved so far along the abscissa that it is within a frame.
+fn inside([left, top, right, bottom]: Rect, frame: &Rect) -> Rect {
+    let by = (frame[0] - left).max(0) + (frame[2] - right).min(0);
+    [left + by, top, right + by, bottom]
+}
+
+/// Height of a rising curve at an abscissa, by a straight line between its points.
+fn height_at(curve: &[(f64, f64)], x: f64) -> Option<f64> {
+    let (first, last) = (curve.first()?, curve.last()?);
+    if !(first.0..=last.0).contains(&x) {
+        return None;
+    }
+    let after = curve.partition_point(|there| there.0 < x);
+    let (right, left) = (curve[after], curve[after.saturating_sub(1)]);
+    let part = if right.0 > left.0 { (x - left.0) / (right.0 - left.0) } else { 0.0 };
+    Some(left.1 + part * (right.1 - left.1))
+}
+
+/// Distance of a point from the straight piece between two others.
+fn distance(point: (f64, f64), from: (f64, f64), to: (f64, f64)) -> f64 {
+    let (along, off) = ((to.0 - from.0, to.1 - from.1), (point.0 - from.0, point.1 - from.1));
+    let square = along.0 * along.0 + along.1 * along.1;
+    let part = (off.0 * along.0 + off.1 * along.1) / square;
+    let part = if square > 0.0 { part.clamp(0.0, 1.0) } else { 0.0 };
+    (off.0 - part * along.0).hypot(off.1 - part * along.1)
+}
+
 /// How far up a range a value is, as a part of it.
 fn area_part(range: &Span, value: f64, scale: Scale) -> f64 {
     let (from, to) = (scale.place(range.start), scale.place(range.end));
@@ -702,6 +766,36 @@ struct Spread {
     range: Span,
     scale: Scale,
     marks: Vec<f64>,
+}
+
+impl Spread {
+    /// Leaves out marks whose numbers would overlap on an axis of so many px: zero stays, then
+    /// whole powers, and of these the largest.
+    fn keep_apart(&mut self, width: f64) {
+        let half = |mark: f64| {
+            let number = tick(mark, &self.range, self.scale);
+            0.5 * f64::from(WORD.1) * number.chars().count() as f64
+        };
+        let power = |mark: f64| mark.abs().log10();
+        let rank = |mark: &f64| match *mark {
+            0.0 => 0,
+            mark if (power(mark) - power(mark).round()).abs() < 1e-9 => 1,
+            _ => 2,
+        };
+        let mut order = self.marks.clone();
+        order.sort_by(|a, b| rank(a).cmp(&rank(b)).then(b.abs().total_cmp(&a.abs())));
+        let place = |mark: f64| width * area_part(&self.range, mark, self.scale);
+        let mut kept: Vec<f64> = Vec::new();
+        for mark in order {
+            let is_apart =
+                |other: &f64| (place(mark) - place(*other)).abs() > half(mark) + half(*other);
+            if kept.iter().all(is_apart) {
+                kept.push(mark);
+            }
+        }
+        kept.sort_by(f64::total_cmp);
+        self.marks = kept;
+    }
 }
 
 impl Ranged for Spread {
@@ -933,11 +1027,20 @@ fn tick(value: f64, range: &Span, scale: Scale) -> String {
     }
 }
 
-/// How a mark of a series is drawn: its radius, and its style.
-fn mark(series: &Series) -> Option<(i32, ShapeStyle)> {
+impl Series {
+    /// How its line is drawn, so much wider than usual.
+    fn stroke(&self, wider: u32) -> ShapeStyle {
+        let width = if self.style == Style::Dashed { 1 } else { 2 };
+        COLOURS[self.colour % COLOURS.len()].stroke_width((width + wider) * PX)
+    }
+}
+
+/// How a mark of a series is drawn: its radius, so much wider than usual, and its style.
+fn mark(series: &Series, wider: u32) -> Option<(i32, ShapeStyle)> {
     let colour = COLOURS[series.colour % COLOURS.len()];
     let (radius, is_open) = series.style.marks()?;
-    Some((px(radius), if is_open { colour.stroke_width(2 * PX) } else { colour.filled() }))
+    let style = if is_open { colour.stroke_width(2 * PX) } else { colour.filled() };
+    Some((px(radius) + px(wider as i32) / 2, style))
 }
 
 #[cfg(test)]
@@ -981,8 +1084,74 @@ mod tests {
         chart.add("second", 2, Style::Line, wave(1e-3).step_by(3));
         chart.add("third", 3, Style::Line, wave(-1e-3));
         chart.add("marks", 4, Style::Marks, wave(0.0));
-        assert_eq!(chart.dashes(), [None, None, Some([9, 9]), Some([6, 12]), None]);
-        assert!(chart.svg().is_ok());
+        // Three lines on each other: the lowest shows at the sides of both.
+        assert_eq!(chart.wider(), [4, 0, 2, 0, 0]);
+        let said = chart.overlaps_in_words().unwrap();
+        assert_eq!(
+            said,
+            "Here “second” lies on “first”; “third” lies on “first” and on “second”; what lies \
+             below is drawn wider."
+        );
+        // A solid line is one piece, whatever it lies on; dashed is what it is compared with.
+        let dashed = |chart: &Chart| chart.svg().unwrap().matches("<polyline").count();
+        let before = dashed(&chart);
+        assert!(before < 40, "{before}");
+        chart.add("reference", 4, Style::Dashed, wave(0.0));
+        assert!(dashed(&chart) > before + 20);
+        assert_eq!(chart.wider(), [4, 0, 2, 0, 0, 0]);
+    }
+
+    #[test]
+    fn loops_lie_on_each_other_as_well() {
+        let ellipse = |height: f64| {
+            (0..300).map(move |k| {
+                let angle = f64::from(k) / 40.0;
+                (angle.cos(), height * angle.sin())
+            })
+        };
+        let mut chart = Chart::new("loops", "position, mm", "force, N");
+        chart.add("guide 1", 0, Style::Line, ellipse(1.0));
+        chart.add("guide 2", 1, Style::Line, ellipse(0.5));
+        chart.add("guide 3", 2, Style::Line, ellipse(1.005));
+        assert_eq!(chart.wider(), [2, 0, 0]);
+        assert!(chart.overlaps_in_words().unwrap().contains("“guide 3” lies on “guide 1”;"));
+        // One that lies on a part of another hides nothing.
+        let mut chart = Chart::new("spikes", "time, s", "force, N");
+        let spike = |k: i32| if k % 20 == 0 { 1.0 } else { 0.0 };
+        chart.add("before", 0, Style::Line, (0..400).map(|k| (f64::from(k), spike(k))));
+        chart.add("after", 1, Style::Line, (0..400).map(|k| (f64::from(k), 0.0)));
+        assert_eq!(chart.wider(), [0, 0]);
+    }
+
+    #[test]
+    fn numbers_of_an_axis_do_not_overlap_on_a_narrow_drawing() {
+        for (range, scale) in [
+            (-5.0..5.0, Scale::Asinh(0.011)),
+            (-3e4..1e3, Scale::Asinh(2.0)),
+            (1.0..300.0, Scale::Log),
+            (30.0..70.0, Scale::Log),
+        ] {
+            let marks = marks(&range, scale, 9.0);
+            let mut spread = Spread { range: range.clone(), scale, marks };
+            spread.keep_apart(250.0);
+            let ends = spread.marks.iter().map(|mark| {
+                let half = 4.0 * tick(*mark, &range, scale).chars().count() as f64;
+                let at = 250.0 * area_part(&range, *mark, scale);
+                (at - half, at + half)
+            });
+            let ends: Vec<_> = ends.collect();
+            assert!(ends.len() >= 2 && ends.windows(2).all(|two| two[0].1 < two[1].0), "{ends:?}");
+            assert!(range.start > 0.0 || spread.marks.contains(&0.0), "{:?}", spread.marks);
+        }
+    }
+
+    #[test]
+    fn a_logarithmic_ordinate_begins_where_results_do() {
+        let mut chart = Chart::new("t", "x", "y").logarithmic(true, true);
+        chart.add("s", 0, Style::Line, (1..100).map(|k| (f64::from(k), f64::from(k).powi(-6))));
+        chart.y_from = Some(1e-4);
+        let low = chart.range(Axis::Y).start;
+        assert!((5e-5..=3e-4).contains(&low), "{low}");
     }
 
     #[test]
@@ -1040,13 +1209,32 @@ mod tests {
 
         let mut chart = Chart::new("t", "x", "y").logarithmic(true, false);
         chart.add("", 0, Style::Line, [(1.0, 0.0), (30.0, 1.0), (1000.0, 0.0)]);
-        let labels = [(30.0, "above"), (31.0, "below"), (32.0, "nowhere"), (500.0, "elsewhere")];
+        let labels = [(30.0, "first"), (31.0, "second"), (32.0, "third"), (500.0, "elsewhere")];
         for (at, text) in labels {
             chart.label((at, 0.5), text);
         }
         let text = chart.svg().unwrap();
-        let shown = labels.map(|(_, word)| text.contains(word));
-        assert_eq!(shown, [true, true, false, true]);
+        assert!(labels.iter().all(|(_, word)| text.contains(word)));
+        // Their grounds, the only ones of this colour.
+        let number = |line: &str, name: &str| -> f64 {
+            let rest = line.split(&format!(" {name}=\"")).nth(1).unwrap();
+            rest.split('"').next().unwrap().parse().unwrap()
+        };
+        let grounds: Vec<[f64; 4]> = text
+            .lines()
+            .filter(|line| line.starts_with("<rect") && line.contains("opacity=\"0.75\""))
+            .map(|line| ["x", "y", "width", "height"].map(|name| number(line, name)))
+            .collect();
+        assert_eq!(grounds.len(), 4, "{text}");
+        for (index, [x, y, width, height]) in grounds.iter().enumerate() {
+            for [left, top, wide, high] in &grounds[..index] {
+                let apart = *x >= left + wide
+                    || *left >= x + width
+                    || *y >= top + high
+                    || *top >= y + height;
+                assert!(apart, "{grounds:?}");
+            }
+        }
     }
 
     #[test]

@@ -94,12 +94,28 @@ pub fn compensation_json(runs: &TrialRuns) -> Value {
     })
 }
 
+/// What the user calls the models of a trial.
+#[derive(Clone, Copy, Debug)]
+pub struct TrialNames<'a> {
+    /// What is known.
+    pub known: &'a str,
+    /// The stage as it is.
+    pub real: &'a str,
+}
+
 /// The page and its figure.
-pub fn compensation_page(name: &str, runs: &TrialRuns) -> Result<(String, String), FigureError> {
+pub fn compensation_page(
+    names: TrialNames,
+    runs: &TrialRuns,
+) -> Result<(String, String), FigureError> {
     let (plain, with) = (runs.plain, runs.compensated);
     let mut page = Page::new(
-        format!("Compensation: {name}"),
-        "The same motion without and with what the model knows, fed forward along the reference.",
+        format!("Compensation of {} by {}", names.real, names.known),
+        format!(
+            "The same motion of {} without and with what {} knows, fed forward along the \
+             reference.",
+            names.real, names.known
+        ),
     );
     let tile = |name: &str, plain: f64, with: f64| Tile {
         name: name.to_owned(),
@@ -123,7 +139,11 @@ pub fn compensation_page(name: &str, runs: &TrialRuns) -> Result<(String, String
     }
     chart.zooms_with = Some("time".to_owned());
     let svg = chart.svg()?;
-    page.figure(&chart, "Measured error along the motion.")?;
+    page.figure(
+        &chart,
+        "Measured error along the motion, from a rest in which the integral holds all constant \
+         forces.",
+    )?;
     let mut left = Chart::new("Position error with compensation", "time, s", "position error, µm");
     left.zooms_with = chart.zooms_with.clone();
     left.add("with", 1, Style::Line, error(with));

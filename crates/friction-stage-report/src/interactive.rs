@@ -18,7 +18,9 @@ pub const LIBRARY: &str = include_str!("../assets/uplot-1.6.32/uPlot.iife.min.js
 pub const LIBRARY_STYLE: &str = include_str!("../assets/uplot-1.6.32/uPlot.min.css");
 /// Its licence.
 pub const LIBRARY_LICENCE: &str = include_str!("../assets/uplot-1.6.32/LICENSE");
-/// What draws the charts of a page with it.
+/// How this page and the live one draw curves with it.
+pub const CURVES: &str = include_str!("../assets/curves.js");
+/// What draws the charts of a page.
 pub const SCRIPT: &str = include_str!("../assets/plot.js");
 
 /// Columns from this length on are counts of their range: half the bytes, and finer than any
@@ -98,6 +100,8 @@ struct Along<'a> {
     even: Option<f64>,
     /// A value that is shown in any case.
     least: Option<f64>,
+    /// Where a logarithmic axis begins at the lowest.
+    from: Option<f64>,
     names: &'a [String],
 }
 
@@ -107,7 +111,7 @@ impl<'a> Along<'a> {
             Scale::Asinh(even) => Some(even),
             Scale::Linear | Scale::Log => None,
         };
-        Along { label, log: scale == Scale::Log, even, least: None, names }
+        Along { label, log: scale == Scale::Log, even, least: None, from: None, names }
     }
 }
 
@@ -116,9 +120,10 @@ struct Curve<'a> {
     name: &'a str,
     colour: usize,
     line: bool,
-    thin: bool,
-    /// Dash and gap, px.
-    dash: Option<[u32; 2]>,
+    /// Whether it is thin and dashed.
+    dashed: bool,
+    /// By how much it is wider than usual, px.
+    wider: u32,
     /// Diameter of its marks, px; 0 for none.
     marks: i32,
     /// Whether they are rings.
@@ -159,7 +164,7 @@ impl Columns {
             return None;
         }
         let mut series = Vec::with_capacity(chart.series.len());
-        for (one, dash) in chart.series.iter().zip(chart.dashes()) {
+        for (one, wider) in chart.series.iter().zip(chart.wider()) {
             let fewer;
             let points = if one.points.len() > MOST {
                 fewer = decimated(&one.points, MOST / 4);
@@ -172,8 +177,8 @@ impl Columns {
                 name: &one.name,
                 colour: one.colour,
                 line: one.style.has_line(),
-                thin: one.style == Style::Dashed,
-                dash,
+                dashed: one.style == Style::Dashed,
+                wider,
                 marks: one.style.marks().map_or(0, |(radius, _)| 2 * radius),
                 open: one.style.marks().is_some_and(|(_, is_open)| is_open),
                 x: self.add(&part(|point| point.0)),
@@ -194,7 +199,11 @@ impl Columns {
         let drawn = Drawn {
             title: &chart.title,
             x: Along::new(&chart.x_label, chart.x_scale, &chart.x_names),
-            y: Along { least: chart.y_least, ..Along::new(&chart.y_label, chart.y_scale, &[]) },
+            y: Along {
+                least: chart.y_least,
+                from: chart.y_from,
+                ..Along::new(&chart.y_label, chart.y_scale, &[])
+            },
             series,
             bands: bands.collect(),
             labels: labels.collect(),

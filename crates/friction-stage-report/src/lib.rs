@@ -29,6 +29,7 @@ pub mod page;
 pub mod paper_motion;
 pub mod played;
 pub mod recording;
+mod room;
 pub mod selection;
 pub mod sweep;
 pub mod tuning;

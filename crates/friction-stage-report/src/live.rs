@@ -1,13 +1,16 @@
 //! The page on which a running stage is watched and moved. Its data come over a web socket from
 //! whoever serves it.
 
-use crate::interactive::{LIBRARY, LIBRARY_LICENCE, LIBRARY_STYLE};
+use friction_stage_core::model::{GuideSource, StageModel};
+
+use crate::interactive::{CURVES, LIBRARY, LIBRARY_LICENCE, LIBRARY_STYLE};
 use crate::page::{STYLE, escaped};
+use crate::words::guide_label;
 
 /// What the page shows of a stage from the start.
 pub struct LiveStage<'a> {
-    /// Name of the stage.
-    pub name: &'a str,
+    /// The stage.
+    pub model: &'a StageModel,
     /// Bandwidth of its own position loop, Hz; none where another node controls it, which only that
     /// one can set.
     pub bandwidth: Option<f64>,
@@ -16,9 +19,34 @@ pub struct LiveStage<'a> {
 /// Draws what comes over the socket.
 const SCRIPT: &str = include_str!("../assets/live.js");
 
+/// The guides of a stage: `4 x guide 1 (sealed)`.
+fn guides(model: &StageModel) -> String {
+    let mut kinds: Vec<(String, usize)> = Vec::new();
+    for guide in &model.guides {
+        let label = match guide {
+            GuideSource::Catalogue(name) => guide_label(name),
+            GuideSource::Inline(_) | GuideSource::Partial(_) => "a guide of its own".to_owned(),
+        };
+        match kinds.iter_mut().find(|known| known.0 == label) {
+            Some((_, count)) => *count += 1,
+            None => kinds.push((label, 1)),
+        }
+    }
+    let told = kinds.into_iter().map(|(label, count)| format!("{count} \u{d7} {label}"));
+    told.collect::<Vec<_>>().join(", ")
+}
+
+/// A number that changes, with its unit.
+fn tile(id: &str, name: &str, unit: &str) -> String {
+    format!(
+        "<div class=\"tile neutral\"><span>{name}, <b id=\"{id}-unit\">{unit}</b></span><output \
+         class=\"value\" id=\"{id}\">\u{2013}</output></div>\n"
+    )
+}
+
 /// The page; its socket is `/data` of the server that it comes from.
 pub fn live_page(stage: &LiveStage) -> String {
-    let name = escaped(stage.name);
+    let (name, guides) = (escaped(&stage.model.name), escaped(&guides(stage.model)));
     let (disabled, note) = match stage.bandwidth {
         Some(_) => ("", String::new()),
         None => (
@@ -32,32 +60,42 @@ pub fn live_page(stage: &LiveStage) -> String {
     let most = (2.0 * bandwidth).max(150.0);
     // Only a stage that drives itself knows what it is to follow.
     let error = match stage.bandwidth {
-        Some(_) => {
-            "<div class=\"tile neutral\"><span>error, µm</span><output class=\"value\" \
-             id=\"error\">\u{2013}</output></div>\n"
-        }
-        None => "",
+        Some(_) => tile("error", "error", "µm"),
+        None => String::new(),
     };
+    let (position, force) = (tile("position", "position", "mm"), tile("force", "force", "N"));
     format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta \
          name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<meta \
          name=\"color-scheme\" content=\"light dark\">\n<link rel=\"icon\" \
          href=\"data:,\">\n<title>{name}, live</title>\n<style>\n{LIBRARY_STYLE}{STYLE}</style>\n\
-         </head>\n<body>\n<main>\n<header>\n<h1>{name}</h1>\n<p><span id=\"state\" \
-         role=\"status\">connecting</span></p>\n</header>\n{note}<div class=\"tiles\">\n<div \
-         class=\"tile neutral\"><span>position, mm</span><output class=\"value\" \
-         id=\"position\">\u{2013}</output></div>\n{error}<div class=\"tile neutral\"><span>force, \
-         N</span><output class=\"value\" id=\"force\">\u{2013}</output></div>\n</div>\n<div \
-         class=\"controls\">\n<label>bandwidth <input type=\"range\" id=\"bandwidth\" min=\"1\" \
-         max=\"{most}\" step=\"1\" value=\"{bandwidth}\"{disabled}> <output \
-         id=\"bandwidth-value\"></output></label>\n<label>step <input type=\"range\" id=\"size\" \
-         min=\"-7\" max=\"-2\" step=\"0.1\" value=\"-5\"{disabled}> <output \
-         id=\"size-value\"></output></label>\n<button type=\"button\" id=\"back\"{disabled}>step \
-         back</button>\n<button type=\"button\" id=\"forth\"{disabled}>step \
-         forth</button>\n<button type=\"button\" id=\"record\" \
+         </head>\n<body>\n<main>\n<header>\n<h1>{name}</h1>\n<p>{guides} \u{b7} <span id=\"state\" \
+         role=\"status\">connecting</span></p>\n</header>\n{note}<div class=\"tiles\">\n\
+         {position}{error}{force}</div>\n<div class=\"controls\">\n<label>bandwidth <input \
+         type=\"range\" id=\"bandwidth\" min=\"1\" max=\"{most}\" step=\"1\" \
+         value=\"{bandwidth}\"{disabled}> <output id=\"bandwidth-value\"></output></label>\n\
+         <label>step <input type=\"range\" id=\"size\" min=\"-7\" max=\"-2\" step=\"0.1\" \
+         value=\"-5\"{disabled}> <output id=\"size-value\"></output></label>\n<button \
+         type=\"button\" id=\"back\"{disabled}>step back</button>\n<button type=\"button\" \
+         id=\"forth\"{disabled}>step forth</button>\n<button type=\"button\" id=\"record\" \
          aria-pressed=\"false\">record</button>\n<span id=\"said\" role=\"status\"></span>\n\
          </div>\n<div id=\"plots\"></div>\n</main>\n<script>\n/*\nuPlot \
-         1.6.32\n{LIBRARY_LICENCE}\n*/\n{LIBRARY}</script>\n<script>\n{SCRIPT}</script>\n\
+         1.6.32\n{LIBRARY_LICENCE}\n*/\n{LIBRARY}</script>\n<script>\n{CURVES}{SCRIPT}</script>\n\
          </body>\n</html>\n"
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_page_says_on_which_guides_the_stage_is() {
+        let mut model = StageModel::on_guides("guide_3");
+        assert_eq!(guides(&model), "4 \u{d7} guide 3 (low-friction grease)");
+        model.guides[0] = GuideSource::Catalogue("guide_1".to_owned());
+        let page = live_page(&LiveStage { model: &model, bandwidth: Some(60.0) });
+        let words = "1 \u{d7} guide 1 (sealed), 3 \u{d7} guide 3 (low-friction grease)";
+        assert!(page.contains(words), "{}", &page[page.find("<h1>").unwrap()..][..300]);
+    }
 }

@@ -223,6 +223,7 @@ impl MeasuredReport {
         });
         let mut gain = Chart::new("Measured loop: gain", "frequency, Hz", "open loop |L|")
             .logarithmic(true, true);
+        gain.line("|L| = 1", Axis::Y, 1.0);
         gain.add("model", 0, Style::Line, along(|point| point.model.norm()));
         gain.add("measured", 1, Style::Marks, along(|point| point.measured.open_loop.norm()));
         let mut phase = Chart::new("Measured loop: phase", "frequency, Hz", "phase, degrees")

@@ -309,7 +309,9 @@ impl Page {
         let svg = chart.svg()?;
         self.figures += 1;
         let number = self.figures;
-        let caption = escaped(caption);
+        // A curve below another one is not taken for one that is missing.
+        let overlaps = chart.overlaps_in_words().map_or(String::new(), |words| format!(" {words}"));
+        let caption = escaped(&format!("{caption}{overlaps}"));
         let data = self.columns.chart(chart);
         let class = if data.is_none() { " class=\"has-narrow\"" } else { "" };
         self.add(format_args!("<figure role=\"img\"{class} aria-label=\"{caption}\">\n{svg}\n"));
@@ -355,8 +357,9 @@ impl Page {
             text += &format!(
                 "<script type=\"application/json\" id=\"columns\">{}</script>\n\
                  <script>\n/*\nuPlot 1.6.32\n{licence}\n*/\n{library}</script>\n\
-                 <script>\n{}</script>\n",
+                 <script>\n{}{}</script>\n",
                 self.columns.json(),
+                interactive::CURVES,
                 interactive::SCRIPT
             );
         }

@@ -5,11 +5,12 @@ use std::fmt::Write as _;
 
 use crate::chart::{Chart, Style};
 use crate::figure::{FigureError, svg};
-use crate::words::{fixed, guide_label, in_line};
+use crate::words::{fixed, guide_label, in_line, in_prefix};
 use friction_stage_core::numerics::range;
+use friction_stage_core::plant::EffectDescriptor;
 use friction_stage_lab::{
-    MotionQuality, NumberedPlan as _, PointSummary, SETTLING_BANDS, SweepPlan, SweepQuantiles,
-    SweepSummary, SweepValue, sweep_unit,
+    MotionQuality, NumberedPlan as _, PointSummary, SETTLING_BANDS, SweepMotion, SweepPlan,
+    SweepQuantiles, SweepSummary, SweepValue, sweep_unit,
 };
 
 /// Points that the table lists one by one.
@@ -203,9 +204,10 @@ pub fn sweep_figure<E: From<FigureError>>(
             }
         };
         let unit = |key: &str| sweep_unit(key).map(|unit| plan.model.joint.unit(unit));
+        let words = key_in_words(&axis.key);
         let label = match unit(&axis.key).filter(|_| axis.is_numeric()) {
-            Some(unit) => format!("{}, {unit}", axis.key),
-            None => axis.key.clone(),
+            Some(unit) => format!("{words}, {unit}"),
+            None => words.clone(),
         };
         // Another axis with a few values has a curve for each.
         let other = plan.axes.iter().enumerate().find(|(at, other)| {
@@ -215,7 +217,7 @@ pub fn sweep_figure<E: From<FigureError>>(
         let logarithmic = axis.is_numeric() && spans_decades(&places);
         for Quantity { name, unit: of_quantity, of } in QUANTITIES {
             let never = points.iter().filter(|(_, quality)| of(quality).is_none()).count();
-            let title = format!("{name} over {}", axis.key);
+            let title = format!("{name} over {words}");
             let title = match never {
                 0 => title,
                 _ => format!("{title} ({never} of {} points never do)", points.len()),
@@ -248,7 +250,7 @@ pub fn sweep_figure<E: From<FigureError>>(
                 curve.sort_by(|a, b| a.0.total_cmp(&b.0));
                 let name = match (other, wanted) {
                     (Some((_, other)), Some(value)) => {
-                        let key = other.key.rsplit('.').next().unwrap_or_default();
+                        let key = key_in_words(&other.key);
                         match (unit(&other.key), value.number()) {
                             // A name says what it is.
                             (_, None) => label_of(&other.key, &shown(value)),
@@ -272,7 +274,51 @@ pub fn sweep_figure<E: From<FigureError>>(
         true => "stage",
         false => &plan.model.name,
     };
-    Ok(svg(&format!("{name}: {} points", plan.count()), &charts)?)
+    let motion = motion_in_words(plan);
+    Ok(svg(&format!("{name}, {motion}: {} points", plan.count()), &charts)?)
+}
+
+/// What is moved, as far as no axis changes it.
+fn motion_in_words(plan: &SweepPlan) -> String {
+    let is_swept = |key: &str| plan.axes.iter().any(|axis| axis.key == key);
+    match &plan.motion {
+        SweepMotion::Move(a_move) => {
+            let mut words = "a move".to_owned();
+            if !is_swept("motion.distance") {
+                let unit = plan.model.joint.unit("m");
+                words = format!("{words} of {}", in_prefix(a_move.distance, &unit));
+            }
+            if !is_swept("motion.duration") {
+                words = format!("{words} in {}", in_prefix(a_move.duration, "s"));
+            }
+            words
+        }
+        SweepMotion::Trajectory { moves, .. } => match moves.len() {
+            1 => "a motion with 1 move".to_owned(),
+            count => format!("a motion with {count} moves"),
+        },
+    }
+}
+
+/// A key as an axis names it: `model.guides.static_force` is the static force of the guides.
+fn key_in_words(key: &str) -> String {
+    let word = |part: &str| part.replace('_', " ");
+    // The number of a guide stays; that the stage is a model need not be said.
+    let parts: Vec<&str> =
+        key.split('.').filter(|part| !["model", "effects", "gains"].contains(part)).collect();
+    match parts.as_slice() {
+        [] => key.to_owned(),
+        [one] => word(one),
+        ["stage", gain] | [.., "stage", gain] => format!("gain {}", word(gain)),
+        ["motion", "settle"] => "time watched after the move".to_owned(),
+        [.., "guides", number, last] if number.parse::<usize>().is_ok() => {
+            format!("{} of guides.{number}", word(last))
+        }
+        [.., owner, last] => {
+            let article = if EffectDescriptor::find(owner).is_ok() { "" } else { "the " };
+            format!("{} of {article}{}", word(last), word(owner))
+        }
+    }
 }
 
 /// The key that names guides.
@@ -310,7 +356,7 @@ fn spans_decades(numbers: &[f64]) -> bool {
 #[cfg(test)]
 mod tests {
     use friction_stage_core::model::StageModel;
-    use friction_stage_lab::{SweepMotion, SweepOutcome};
+    use friction_stage_lab::SweepOutcome;
 
     use super::*;
 
@@ -361,13 +407,30 @@ mod tests {
         })
         .unwrap();
         for words in [
-            "over model.mass",
-            "model.mass, kg",
+            "over mass",
+            "mass, kg",
             "guide 1 (sealed)\n",
             "mass 20 kg",
-            "stage: 4 points",
+            "stage, a move of 10.0 µm in 3.00 ms: 4 points",
         ] {
             assert!(figure.contains(words), "{words}");
+        }
+        assert!(!figure.contains("model."), "{figure}");
+    }
+
+    #[test]
+    fn an_axis_is_named_by_what_it_is() {
+        for (key, words) in [
+            ("controller.bandwidth", "bandwidth of the controller"),
+            ("model.mass", "mass"),
+            ("model.guides.static_force", "static force of the guides"),
+            ("model.guides.2.stiffness", "stiffness of guides.2"),
+            ("model.effects.cogging.amplitude", "amplitude of cogging"),
+            ("controller.gains.stage.p", "gain p"),
+            ("controller.lowpass.frequency", "frequency of the lowpass"),
+            ("motion.distance", "distance of the motion"),
+        ] {
+            assert_eq!(key_in_words(key), words);
         }
     }
 }

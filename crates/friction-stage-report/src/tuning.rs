@@ -268,15 +268,19 @@ fn margins_in_words(margins: &Margins) -> String {
     )
 }
 
-/// The page, and its figures with their names.
+/// The page, and its figures with their names. `file` is what the user calls the model.
 pub fn tuning_page(
+    file: &str,
     model: &StageModel,
     tuning: &Tuning,
     measured: Option<&MeasuredReport>,
     seed: u64,
 ) -> Result<(String, Vec<(String, String)>), TuningPageError> {
     let found = tuning.found();
-    let mut page = Page::new(format!("Tuning: {}", model.name), verdict(tuning));
+    let mut page = Page::new(
+        format!("Tuning of {file}"),
+        format!("model \u{201c}{}\u{201d}; {}", model.name, verdict(tuning)),
+    );
     let mut figures: Vec<(String, String)> = Vec::new();
     page.tiles(&tiles(tuning));
     for warning in tuning_warnings(tuning, measured) {
@@ -371,22 +375,24 @@ pub fn tuning_page(
                 let along = |of: fn(&LoopPoint) -> f64| {
                     response.points.iter().map(move |p| (p.frequency, of(p)))
                 };
-                let dashed = |chart: &mut Chart, points: Vec<(f64, f64)>| {
-                    chart.add(&name, 4 + colour, Style::Dashed, points);
+                let other = |chart: &mut Chart, points: Vec<(f64, f64)>| {
+                    chart.add(&name, 4 + colour, Style::Line, points);
                 };
-                dashed(&mut gain, along(|p| p.open_loop.norm()).collect());
-                dashed(&mut sensitivity, in_decibels(&response.points).collect());
-                dashed(&mut process, along(|p| p.process.norm()).collect());
+                other(&mut gain, along(|p| p.open_loop.norm()).collect());
+                other(&mut sensitivity, in_decibels(&response.points).collect());
+                other(&mut process, along(|p| p.process.norm()).collect());
             }
         }
     }
     sensitivity.line("6 dB", Axis::Y, 6.0);
     phase.line("-180°", Axis::Y, -180.0);
+    gain.line("|L| = 1", Axis::Y, 1.0);
     for (name, chart, caption) in [
         (
             "open_loop_gain",
             gain,
-            "Guides hold the stage below their resonance. Thin and dashed: the other controllers.",
+            "Guides hold the stage below their resonance. Where the gain falls below 1 is the \
+             crossover.",
         ),
         (
             "open_loop_phase",
@@ -396,14 +402,9 @@ pub fn tuning_page(
         (
             "sensitivity",
             sensitivity,
-            "Below 6 dB the modulus margin is kept; thin and dashed: the other controllers. What \
-             is below -40 dB is left out.",
+            "Below 6 dB the modulus margin is kept. What is below -40 dB is left out.",
         ),
-        (
-            "process_sensitivity",
-            process,
-            "Position over a force: small is stiff. Thin and dashed: the other controllers.",
-        ),
+        ("process_sensitivity", process, "Position over a force: small is stiff."),
     ] {
         page.figure(&chart, caption)?;
         figures.push((name.to_owned(), chart.svg()?));
@@ -423,7 +424,11 @@ pub fn tuning_page(
         let points = response.into_iter().map(|(time, x)| (1e3 * time, x));
         steps.add(&one.name, colour, Style::Line, points);
     }
-    page.figure(&steps, "On the emulator, without noise and feedforward: mostly the guides.")?;
+    page.figure(
+        &steps,
+        "On the emulator, without noise and feedforward, from a rest in which the integral holds \
+         all constant forces: what moves the stage is the step alone.",
+    )?;
     figures.push(("step".to_owned(), steps.svg()?));
     moves(&mut page, &mut figures, model, tuning, seed)?;
     Ok((page.finish(), figures))

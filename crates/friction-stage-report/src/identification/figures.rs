@@ -45,6 +45,8 @@ const LEAST_IN_BIN: usize = 6;
 const SPARSE: f64 = 8.0;
 /// Half width of the band of noise in its standard deviations: 95 % of the rows are within.
 const NOISE_BAND: f64 = 1.96;
+/// Where the ordinate of a spectrum begins, as a part of the density of the noise.
+const BELOW_NOISE: f64 = 0.2;
 /// Length of the close-up, s.
 const CLOSE_UP: f64 = 1.0;
 
@@ -134,6 +136,13 @@ impl Residuals<'_> {
         sides.sort_by_key(|side| Some(side.name) != worst);
         sides.retain(|side| Some(side.name) == worst || misses(side));
         sides
+    }
+
+    /// Density of the noise of the sensors on the side that has less of it, N/√Hz: what the lowpass
+    /// lets pass of it is even up to half the rate of the rows.
+    fn noise_density(&self) -> f64 {
+        let least = self.sides().iter().map(|side| side.floor).fold(f64::INFINITY, f64::min);
+        least / (0.5 * self.measured.lowpass.kept_rate()).sqrt()
     }
 
     /// A chart of the missing force over time with the band of noise.
@@ -341,10 +350,11 @@ fn before_and_after(
         &side.before[part.clone()],
         &side.after[part],
         side.floor,
+        side.colours,
     );
     let title = format!("What the identified model leaves on the {}", side.name);
     let mut left = residuals.chart(title, record, side.floor);
-    left.add("after", 0, Style::Line, points(&time, side.after));
+    left.add("after", side.colours[1], Style::Line, points(&time, side.after));
     let group = FigureGroup::Comparison;
     Ok(vec![
         IdentificationFigure::new(
@@ -438,7 +448,8 @@ fn position(
         "time, s",
         format!("simulated less encoder, {}", joint.unit(unit)),
     );
-    pair(&mut chart, &time, &scaled(&error.before), &scaled(&error.after), 0.0);
+    let (before, after) = (scaled(&error.before), scaled(&error.after));
+    pair(&mut chart, &time, &before, &after, 0.0, [1, 0]);
     IdentificationFigure::new(
         "position_error_in_closed_loop",
         FigureGroup::Comparison,
@@ -456,10 +467,10 @@ fn over_time(
     residuals
         .sides()
         .into_iter()
-        .map(|Side { name: side, before, after, floor, .. }| {
+        .map(|Side { name: side, before, after, floor, colours }| {
             let title = format!("Residual over time, {side}, {record} record");
             let mut chart = residuals.chart(title, record, floor);
-            pair(&mut chart, &time, before, after, floor);
+            pair(&mut chart, &time, before, after, floor, colours);
             let law = match side {
                 "motor side" => "cell less command and motor effects",
                 _ => "mass times acceleration plus friction less effects and measured force",
@@ -521,12 +532,20 @@ fn alike(before: &[f64], after: &[f64], noise: f64) -> bool {
 }
 
 /// Before and after in one chart; one line where they differ by less than a part of the noise.
-fn pair(chart: &mut Chart, time: &[f64], before: &[f64], after: &[f64], noise: f64) {
+/// `colours` are those before and after of its side, the same in all figures.
+fn pair(
+    chart: &mut Chart,
+    time: &[f64],
+    before: &[f64],
+    after: &[f64],
+    noise: f64,
+    colours: [usize; 2],
+) {
     if alike(before, after, noise) {
-        chart.add("before and after", 0, Style::Line, points(time, after));
+        chart.add("before and after", colours[1], Style::Line, points(time, after));
     } else {
-        chart.add("before", 1, Style::Line, points(time, before));
-        chart.add("after", 0, Style::Line, points(time, after));
+        chart.add("before", colours[0], Style::Line, points(time, before));
+        chart.add("after", colours[1], Style::Line, points(time, after));
     }
 }
 
@@ -547,6 +566,9 @@ fn spectra(
     let mut space =
         Chart::new("Spectrum over position", label("period, mm"), label("amplitude, N"))
             .logarithmic(true, false);
+    let density = residuals.noise_density();
+    // The lowpass takes what is left of the highest frequencies to nothing, which is no result.
+    time.y_from = (density > 0.0).then_some(BELOW_NOISE * density);
     let sides = residuals.sides();
     let way = 1e3 * range_of(&position);
     // Peaks of the other side would lie on those of the one that matters.

@@ -50,8 +50,52 @@ pub fn identified_model_file(model: &StageModel, summary: &Summary) -> Result<St
     }
     // Values that are possible only as they are stay so.
     let few = in_few_digits(model, digits(summary));
-    text += &few.as_ref().unwrap_or(model).to_yaml()?;
+    text += &lists_in_lines(&few.as_ref().unwrap_or(model).to_yaml()?);
     Ok(text)
+}
+
+/// Longest line of a list.
+const LINE: usize = 100;
+
+/// YAML with each list of numbers as `[1, 2, 3]` in as few lines as there may be: a map has
+/// hundreds of values.
+fn lists_in_lines(yaml: &str) -> String {
+    let number = |line: &str| -> Option<String> {
+        let value = line.trim_start().strip_prefix("- ")?;
+        value.parse::<f64>().ok().map(|_| value.to_owned())
+    };
+    let mut text = String::with_capacity(yaml.len());
+    let mut lines = yaml.lines().peekable();
+    while let Some(line) = lines.next() {
+        text += line;
+        let key_indent = line.len() - line.trim_start().len();
+        let mut numbers = Vec::new();
+        if line.ends_with(':') {
+            while let Some(value) = lines.peek().and_then(|next| number(next)) {
+                numbers.push(value);
+                lines.next();
+            }
+        }
+        if !numbers.is_empty() {
+            let indent = " ".repeat(key_indent + 2);
+            let mut row = format!(" [{}", numbers[0]);
+            let mut width = line.len() + row.len();
+            for value in &numbers[1..] {
+                row.push(',');
+                if width + value.len() + 3 > LINE {
+                    row += &format!("\n{indent}{value}");
+                    width = indent.len() + value.len();
+                } else {
+                    row += &format!(" {value}");
+                    width += value.len() + 2;
+                }
+            }
+            text += &row;
+            text.push(']');
+        }
+        text.push('\n');
+    }
+    text
 }
 
 /// Every number that was found, with its name.
@@ -102,6 +146,23 @@ fn round(value: &mut Value, digits: usize) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_values_of_a_map_take_few_lines_and_are_read_again() {
+        let values: Vec<String> = (0..256).map(|k| format!("{:.6}", f64::from(k).sin())).collect();
+        let text = format!(
+            "mass: 40.0\nguides: [guide_1]\nmotor: {{force_limit: 2000}}\neffects: [{{map: \
+             {{coordinate: position, side: carriage, from: -0.1, to: 0.1, values: [{}]}}}}]\n",
+            values.join(", ")
+        );
+        let model = StageModel::from_yaml(&text, "test").unwrap();
+        let written = model.to_yaml().unwrap();
+        assert!(written.lines().count() > 256);
+        let compact = lists_in_lines(&written);
+        assert!(compact.lines().count() < 70, "{compact}");
+        assert!(compact.lines().all(|line| line.len() <= LINE), "{compact}");
+        assert_eq!(StageModel::from_yaml(&compact, "test").unwrap(), model);
+    }
 
     #[test]
     fn numbers_of_a_model_are_rounded_and_others_kept() {

@@ -5,14 +5,19 @@ use super::model_file::{GUIDES_TOGETHER, identified_model_file};
 use super::{chosen, travel};
 use crate::error::ReportError;
 use crate::page::{Align, Cell, Mark, Page, Table, Tile};
-use crate::words::{effect_phrases, four_digits, short, times_noise};
+use crate::words::{
+    EffectGroup, effect_groups, effect_phrases, four_digits, harmonic_name, short, times_noise,
+};
 use friction_stage_core::model::{CurveSide, JointType, StageModel};
 use friction_stage_core::plant::EffectDescriptor;
 use friction_stage_identify::{
     Evidence, Hypothesis, Identification, Inseparable, LEFT_AT_MOST, NextExperiment,
-    NominalParameter, Outcome, Record, Records, Selection, Summary, Tolerances, Verdict, in_digits,
-    readable, side_name, taking_part,
+    NominalParameter, Outcome, Record, Records, Selection, Summary, SummaryFinding, Tolerances,
+    Verdict, in_digits, readable, side_name, taking_part,
 };
+
+/// Finding that says where a residual sits.
+const RESIDUAL_LOCATION: &str = "residual_location";
 
 /// What a candidate must explain on each record, in words.
 const LEAST_SHARE: &str = "a tenth of what is left to explain (a quarter beside laws that explain \
@@ -169,7 +174,13 @@ fn verdict(page: &mut Page, selection: &Selection, summary: &Summary) {
              had been tried.",
         );
     }
-    page.note(mark, &sentence);
+    // What no law explains has a place, though it has no name: it stands in the same box.
+    let is_place = |finding: &&SummaryFinding| {
+        selection.verdict == Verdict::Unknown && finding.code == RESIDUAL_LOCATION
+    };
+    let places = summary.findings.iter().filter(is_place).map(|finding| finding.text.as_str());
+    let lines = std::iter::once(sentence.as_str()).chain(places);
+    page.notes(mark, lines.map(|line| ("verdict", line)));
     let (force, position) = (summary.errors.holdout.force_rms, summary.errors.holdout.position_rms);
     let number = |value: Option<f64>| {
         value.map_or_else(|| "\u{2013}".to_owned(), |value| format!("{value:.3}"))
@@ -225,8 +236,11 @@ fn verdict(page: &mut Page, selection: &Selection, summary: &Summary) {
             },
         ),
     ]);
-    let (notes, warnings): (Vec<_>, Vec<_>) =
-        summary.findings.iter().partition(|finding| finding.is_note());
+    let (notes, warnings): (Vec<_>, Vec<_>) = summary
+        .findings
+        .iter()
+        .filter(|finding| !is_place(finding))
+        .partition(|finding| finding.is_note());
     let parts = [("Warnings", warnings, Mark::Warning), ("Notes", notes, Mark::Neutral)];
     for (title, findings, mark) in parts {
         if !findings.is_empty() {
@@ -344,26 +358,25 @@ fn effects(page: &mut Page, selection: &Selection, summary: &Summary) {
         page.text("No effect was added to the declared model.");
         return;
     }
-    let added = selection
+    let added: Vec<_> = selection
         .after
         .fitted
         .hypothesis
         .effects
         .iter()
-        .skip(selection.before.hypothesis.effects.len());
-    for (effect, part) in summary.effects.iter().zip(added) {
-        let over = effect
-            .coordinate
-            .as_ref()
-            .map_or_else(String::new, |coordinate| format!(" over {coordinate}"));
-        let place = match part.curve().map(|curve| curve.side) {
+        .skip(selection.before.hypothesis.effects.len())
+        .collect();
+    for EffectGroup { phrase, members } in effect_groups(&summary.effects, summary.joint) {
+        let first = &summary.effects[members[0].0];
+        let curve = added.get(members[0].0).and_then(|part| part.curve());
+        let place = match curve.map(|curve| curve.side) {
             Some(CurveSide::Friction) => "change of Coulomb friction".to_owned(),
             Some(CurveSide::Viscous) => "change of viscous friction".to_owned(),
             Some(CurveSide::Mass) => "change of the moving mass".to_owned(),
-            _ => format!("{} side", effect.side),
+            _ => format!("{} side", first.side),
         };
-        page.subsection(&format!("{}{over}, {place}", effect.name.replace('_', " ")));
-        let descriptor = EffectDescriptor::find(&effect.name).ok();
+        page.subsection(&format!("{phrase}, {place}"));
+        let descriptor = EffectDescriptor::find(&first.name).ok();
         if let Some(descriptor) = descriptor {
             page.facts([
                 ("law", descriptor.law),
@@ -377,21 +390,33 @@ fn effects(page: &mut Page, selection: &Selection, summary: &Summary) {
             ("unit", Align::Left),
             ("95 % interval", Align::Right),
         ]);
-        for name in taking_part(effect) {
-            let Some(parameter) = effect.parameters.get(name) else { continue };
-            let chosen = chosen(&effect.name, name, parameter.value);
-            let value = in_digits(parameter.value, parameter.ci95);
-            table.row([
-                Cell::code(name),
-                Cell::text(chosen.map_or(value, str::to_owned)),
-                Cell::text(if chosen.is_some() { "" } else { &parameter.unit }),
-                Cell::text(interval(parameter.ci95)),
-            ]);
+        for (index, order) in &members {
+            let effect = &summary.effects[*index];
+            for name in taking_part(effect) {
+                let Some(parameter) = effect.parameters.get(name) else { continue };
+                let chosen = chosen(&effect.name, name, parameter.value);
+                let value = in_digits(parameter.value, parameter.ci95);
+                table.row([
+                    Cell::code(match order {
+                        1 => name.to_owned(),
+                        _ => format!("{name}, {} harmonic", harmonic_name(*order)),
+                    }),
+                    Cell::text(chosen.map_or(value, str::to_owned)),
+                    Cell::text(if chosen.is_some() { "" } else { &parameter.unit }),
+                    Cell::text(interval(parameter.ci95)),
+                ]);
+            }
         }
         page.table(&table);
-        if let Some(other) = &effect.runner_up {
+        for (index, order) in &members {
+            let Some(other) = &summary.effects[*index].runner_up else { continue };
+            let which = match order {
+                _ if members.len() == 1 => "its place".to_owned(),
+                1 => "the place of the fundamental".to_owned(),
+                _ => format!("the place of the {} harmonic", harmonic_name(*order)),
+            };
             page.text(&format!(
-                "Next best in its place: {}, which would leave {:.4} {n} rms on the hold-out.",
+                "Next best in {which}: {}, which would leave {:.4} {n} rms on the hold-out.",
                 other.name, other.holdout_force_rms
             ));
         }
@@ -413,7 +438,10 @@ fn not_separable(selection: &Selection, names: &str) -> String {
     let pairs: Vec<_> = pairs.map(|pair| format!("{} and {}", pair.effect, pair.rival)).collect();
     let which = match pairs.is_empty() {
         true => "Several laws explain the data equally".to_owned(),
-        false => format!("Equally likely: {}", pairs.join("; ").replace('_', " ")),
+        false => {
+            let told = pairs.join("; ").replace('_', " ");
+            format!("These laws explain the data equally: {told}")
+        }
     };
     format!("{which}. The identified model has {names}.")
 }

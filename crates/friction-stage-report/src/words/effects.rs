@@ -11,10 +11,22 @@ const HIGHEST: u32 = 9;
 /// Assumed.
 const NEAR: f64 = 0.002;
 
+/// Effects that are one in words.
+pub struct EffectGroup {
+    /// Such as `cogging, 24.00 mm with its second harmonic`.
+    pub phrase: String,
+    /// The place of each effect in the list, with its harmonic: the fundamental, 1, first.
+    pub members: Vec<(usize, u32)>,
+}
+
 /// The effects in words, such as `cogging, 24.00 mm with its second harmonic`.
 pub fn effect_phrases(effects: &[FoundEffect], joint: JointType) -> Vec<String> {
+    effect_groups(effects, joint).into_iter().map(|group| group.phrase).collect()
+}
+
+/// The effects, with those that are harmonics of each other as one.
+pub fn effect_groups(effects: &[FoundEffect], joint: JointType) -> Vec<EffectGroup> {
     let mut told = vec![false; effects.len()];
-    let mut phrases = Vec::new();
     // The longest period of a name is the fundamental.
     let mut order: Vec<usize> = (0..effects.len()).collect();
     order.sort_by(|a, b| {
@@ -39,7 +51,7 @@ pub fn effect_phrases(effects: &[FoundEffect], joint: JointType) -> Vec<String> 
                 None => name,
             },
         };
-        let mut orders: Vec<u32> = Vec::new();
+        let mut members = vec![(first, 1)];
         for (at, other) in effects.iter().enumerate() {
             if !told[at]
                 && other.name == effect.name
@@ -47,11 +59,12 @@ pub fn effect_phrases(effects: &[FoundEffect], joint: JointType) -> Vec<String> 
                 && let Some(order) = harmonic(effect, other)
             {
                 told[at] = true;
-                orders.push(order);
+                members.push((at, order));
             }
         }
-        orders.sort_unstable();
-        let words: Vec<String> = orders.iter().map(|order| ordinal(*order)).collect();
+        members.sort_by_key(|(_, order)| *order);
+        let words: Vec<String> =
+            members[1..].iter().map(|(_, order)| harmonic_name(*order)).collect();
         match words.as_slice() {
             [] => {}
             [one] => phrase += &format!(" with its {one} harmonic"),
@@ -59,11 +72,10 @@ pub fn effect_phrases(effects: &[FoundEffect], joint: JointType) -> Vec<String> 
                 phrase += &format!(" with its {} and {last} harmonics", some.join(", "));
             }
         }
-        by_place.push((first, phrase));
+        by_place.push(EffectGroup { phrase, members });
     }
-    by_place.sort_by_key(|(place, _)| *place);
-    phrases.extend(by_place.into_iter().map(|(_, phrase)| phrase));
-    phrases
+    by_place.sort_by_key(|group| group.members[0].0);
+    by_place
 }
 
 /// Period and half of its interval.
@@ -84,7 +96,8 @@ fn harmonic(first: &FoundEffect, other: &FoundEffect) -> Option<u32> {
     (whole && order <= f64::from(HIGHEST)).then_some(order as u32)
 }
 
-fn ordinal(order: u32) -> String {
+/// Which harmonic one is: `second`.
+pub fn harmonic_name(order: u32) -> String {
     const WORDS: [&str; 8] =
         ["second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth"];
     WORDS.get(order as usize - 2).map_or_else(|| format!("{order}th"), |word| (*word).to_owned())
@@ -136,6 +149,12 @@ mod tests {
 
     #[test]
     fn harmonics_are_one_effect() {
+        let members = |periods: &[f64]| -> Vec<Vec<(usize, u32)>> {
+            let effects: Vec<_> = periods.iter().map(|period| cogging(*period, None)).collect();
+            let groups = effect_groups(&effects, JointType::Prismatic);
+            groups.into_iter().map(|group| group.members).collect()
+        };
+        assert_eq!(members(&[0.012, 0.024, 0.0137]), [vec![(1, 1), (0, 2)], vec![(2, 1)]]);
         let told = |periods: &[f64]| {
             let effects: Vec<_> = periods.iter().map(|period| cogging(*period, None)).collect();
             effect_phrases(&effects, JointType::Prismatic)

@@ -17,7 +17,7 @@ mod model;
 mod recording;
 
 pub(crate) use data::subject;
-pub use effects::effect_phrases;
+pub use effects::{EffectGroup, effect_groups, effect_phrases, harmonic_name};
 pub use guide::guide_label;
 pub(crate) use identify::times_noise;
 pub use identify::{comparison_notes, records_error};
@@ -100,7 +100,8 @@ pub fn in_one_line(error: &(dyn Error + 'static)) -> String {
     told
 }
 
-/// A value in SI with its unit, in the prefix that reads well: 2.5e-5 m is 25.0 µm.
+/// A value in SI with its unit, in the prefix that reads well and three digits: 2.5e-5 m is
+/// 25.0 µm.
 pub fn in_prefix(value: f64, unit: &str) -> String {
     const PREFIXES: [(f64, &str); 4] = [(1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n")];
     let size = to_three_digits(value).abs();
