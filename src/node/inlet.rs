@@ -148,9 +148,4 @@ impl<M: RosMessage> Inlet<M> {
     pub fn guid(&self) -> rustdds::GUID {
         self.subscription.guid()
     }
-
-    /// Publishers that are matched now.
-    pub fn publishers(&self) -> usize {
-        self.participant.watch().matches(self.subscription.guid())
-    }
 }

@@ -105,8 +105,6 @@ pub const FEEDBACK: Qos = Qos::reliable(10);
 pub const ACTION_STATUS: Qos = Qos::latched(1);
 /// Requests and answers of services: `rmw_qos_profile_services_default`.
 pub const SERVICES: Qos = Qos::reliable(10);
-/// `/parameter_events`: `rmw_qos_profile_parameter_events`.
-pub const PARAMETER_EVENTS: Qos = Qos::reliable(1000);
 /// `/rosout`: `rmw_qos_profile_rosout_default` (rcl_logging), without its lifespan of 10 s.
 pub const ROSOUT: Qos = Qos::latched(1000);
 

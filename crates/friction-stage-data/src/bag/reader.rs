@@ -358,12 +358,6 @@ impl BagReader {
         topics::namespace(self.topics.iter().map(|topic| topic.name.as_str()))
     }
 
-    /// The topic that a stage without a namespace would call so.
-    pub fn own_topic(&self, name: &str) -> Option<&Arc<Topic>> {
-        let namespace = self.namespace();
-        self.topics.iter().find(|topic| topic.name.strip_prefix(namespace) == Some(name))
-    }
-
     /// The place of each topic among [`topics`](Self::topics), by its name.
     pub(crate) fn places(&self) -> HashMap<&str, usize> {
         self.topics.iter().enumerate().map(|(place, topic)| (topic.name.as_str(), place)).collect()

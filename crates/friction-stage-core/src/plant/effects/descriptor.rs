@@ -221,11 +221,6 @@ impl EffectDescriptor {
         self.curve.map_or(self.role, |curve| (curve.role)(values))
     }
 
-    /// Side of the force cell, or sensor, where an effect of these values acts.
-    pub fn side_of(&self, values: &[f64]) -> Side {
-        self.role_of(values).side()
-    }
-
     /// The empirical curve that these values are; `None` of a law.
     pub fn curve_of(&self, values: &[f64]) -> Option<Curve> {
         self.curve.map(|curve| (curve.curve)(values))
