@@ -11,7 +11,7 @@ use super::{Outcome, WrongArguments, tell_assumptions};
 use crate::directory::ResultsArgs;
 use crate::node::controller_settings;
 use friction_stage_core::model::{EffectParameters, StageModel};
-use friction_stage_core::plant::effects::{ALL, EffectDescriptor, Role};
+use friction_stage_core::plant::effects::{ALL, ParameterKind, Role};
 use friction_stage_core::plant::model_named;
 use friction_stage_core::text_file;
 use friction_stage_lab::{Application, MeasuredLoop, Objective, TuningPlan};
@@ -203,21 +203,21 @@ fn name_of(path: &Path) -> String {
 
 /// The model with a motor that is later by a delay.
 fn late(mut model: StageModel, delay: f64) -> anyhow::Result<StageModel> {
-    let is_late = |effect: &&&EffectDescriptor| {
-        let has_delay = effect.parameters.iter().any(|parameter| parameter.name == "delay");
-        matches!(effect.role, Role::Command(_)) && has_delay
-    };
+    let of_motor = ALL.iter().filter(|effect| matches!(effect.role, Role::Command(_)));
+    let mut delays =
+        of_motor.flat_map(|effect| effect.parameters.iter().map(|one| (effect.name, one)));
+    let found = delays.find(|(_, parameter)| parameter.kind == ParameterKind::Delay);
     if delay > 0.0
-        && let Some(lag) = ALL.iter().find(is_late).map(|effect| effect.name)
+        && let Some((effect, parameter)) = found
     {
-        if model.effects.iter().any(|effect| effect.name == lag) {
+        if model.effects.iter().any(|one| one.name == effect) {
             return Err(WrongArguments(format!(
-                "{} has an {lag} of its own: put the {delay} s of --delay into its delay",
+                "{} has an {effect} of its own: put the {delay} s of --delay into its delay",
                 model.name
             ))
             .into());
         }
-        model.effects.push(EffectParameters::new(lag, [("delay", delay)]));
+        model.effects.push(EffectParameters::new(effect, [(parameter.name, delay)]));
     }
     Ok(model)
 }

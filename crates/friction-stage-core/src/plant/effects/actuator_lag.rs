@@ -12,7 +12,7 @@ use nalgebra::Complex;
 use super::regression::{along, largest_over_decades, least_squares};
 use super::{
     Action, CommandLaw, CommandStage, EffectDescriptor, EffectParameter, ForceOverStep, Motion,
-    Multiplicity, RecordSpecific, Residual, Role, descriptor,
+    Multiplicity, ParameterKind, RecordSpecific, Residual, Role, descriptor,
 };
 
 /// Longest time constant and delay, s.
@@ -45,7 +45,8 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
             1e-4,
             0.0,
         ),
-        EffectParameter::optional("delay", "s", "pure delay", (0.0, LONGEST), 1e-4, 0.0),
+        EffectParameter::optional("delay", "s", "pure delay", (0.0, LONGEST), 1e-4, 0.0)
+            .of_kind(ParameterKind::Delay),
     ],
     multiplicity: Multiplicity::One,
     record_specific: RecordSpecific::Nothing,

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use crate::model::{Curve, EffectParameters, ModelError, ParameterValue, nearest};
 
-use super::{ALL, Action, Residual, Role, Side};
+use super::{ALL, Action, Residual, Role};
 
 /// Everything the rest of the program knows of an effect.
 #[derive(Debug)]
@@ -84,6 +84,8 @@ pub enum ParameterKind {
     PhaseWalk,
     /// Instant at which something changes, s.
     Instant,
+    /// Time by which something comes late as a whole, s.
+    Delay,
     /// One of several forms of the law, by name; its value is the place in this list.
     Choice(&'static [&'static str]),
     /// Anything else.
