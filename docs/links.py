@@ -1,5 +1,5 @@
-"""Links of the pages to files outside the book: they lead to the repository, and must exist, with the
-heading that they name.
+"""Links of the pages to files outside the book: they lead to the repository, and must exist, with
+the heading that they name.
 
 The pages are read in the repository, too, where such a link is right as it stands.
 """
@@ -34,7 +34,9 @@ def on_page_markdown(markdown, page, config, **_):
         if not target.exists():
             raise PluginError(f"{page.file.src_uri}: there is no {link['path']}")
         if link["anchor"] and target.suffix == ".md" and link["anchor"] not in anchors(target):
-            raise PluginError(f"{page.file.src_uri}: {link['path']} has no heading {link['anchor']}")
+            raise PluginError(
+                f"{page.file.src_uri}: {link['path']} has no heading {link['anchor']}"
+            )
         kind = "tree" if target.is_dir() else "blob"
         place = target.relative_to(docs.parent).as_posix()
         return f"]({config['repo_url']}/{kind}/main/{place}{link['anchor'] or ''})"

@@ -1,7 +1,8 @@
 """The stage and its controller.
 
 ros2 launch friction_stage friction_stage.launch.py
-ros2 launch friction_stage friction_stage.launch.py model:=stage_with_cogging_and_cable_chain.yaml record:=bag_of_today
+ros2 launch friction_stage friction_stage.launch.py \\
+    model:=stage_with_cogging_and_cable_chain.yaml record:=bag_of_today
 ros2 launch friction_stage friction_stage.launch.py params_file:=lockstep_params.yaml
 """
 

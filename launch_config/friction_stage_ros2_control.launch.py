@@ -1,7 +1,8 @@
 """The stage under a ros2_control stack, over topics: manager, spawner, robot_state_publisher.
 
 ros2 launch friction_stage friction_stage_ros2_control.launch.py
-ros2 launch friction_stage friction_stage_ros2_control.launch.py mode:=lockstep controller:=pid_controller
+ros2 launch friction_stage friction_stage_ros2_control.launch.py \\
+    mode:=lockstep controller:=pid_controller
 
 Needs controller_manager, joint_state_topic_hardware_interface, joint_state_broadcaster,
 robot_state_publisher (not with robot_state_publisher:=false), force_torque_sensor_broadcaster and

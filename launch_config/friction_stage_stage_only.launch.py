@@ -12,9 +12,11 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 HERE = Path(__file__).parent
-# Launch arguments that are parameters of the stage; an empty one leaves what the parameter file says.
+# Launch arguments that are parameters of the stage; an empty one leaves what the parameter file
+# says.
 PARAMETERS = {
-    "model": "guide_1, guide_2, guide_3, rig:GUIDE, a model file of launch_config by its name, or the path of one",
+    "model": "guide_1, guide_2, guide_3, rig:GUIDE, a model file of launch_config by its name, or "
+    "the path of one",
     "mode": "realtime or lockstep",
     "drive": "force or servo",
     "record": "bag directory to record into; must not exist",
@@ -22,7 +24,8 @@ PARAMETERS = {
 
 
 def beside_this_file(name):
-    """The path of a file of launch_config that is given by its bare name; anything else as it is."""
+    """The path of a file of launch_config that is given by its bare name; anything else as it
+    is."""
     return str(HERE / name) if name == Path(name).name and (HERE / name).is_file() else name
 
 

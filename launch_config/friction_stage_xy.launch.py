@@ -18,7 +18,8 @@ AXES = ("x", "y")
 
 
 def beside_this_file(name):
-    """The path of a file of launch_config that is given by its bare name; anything else as it is."""
+    """The path of a file of launch_config that is given by its bare name; anything else as it
+    is."""
     return str(HERE / name) if name == Path(name).name and (HERE / name).is_file() else name
 
 
@@ -66,7 +67,8 @@ def generate_launch_description():
         DeclareLaunchArgument(
             f"model_{axis}",
             default_value="guide_1",
-            description=f"guide, model file of launch_config by its name, or path, of the axis {axis}",
+            description="guide, model file of launch_config by its name, or path, of the axis "
+            f"{axis}",
         )
         for axis in AXES
     ]

@@ -1,7 +1,9 @@
-"""A stage for the tests of your own controller: started by pytest in lockstep, on a ROS domain of its own.
+"""A stage for the tests of your own controller: started by pytest in lockstep, on a ROS domain of
+its own.
 
-Needs rclpy, pytest and the programs of friction_stage: in the directory that FRICTION_STAGE_BIN names, in a prefix of
-AMENT_PREFIX_PATH, or on the PATH. Install it (`pip install ./testing`) or write into conftest.py:
+Needs rclpy, pytest and the programs of friction_stage: in the directory that FRICTION_STAGE_BIN
+names, in a prefix of AMENT_PREFIX_PATH, or on the PATH. Install it (`pip install ./testing`) or
+write into conftest.py:
 
     pytest_plugins = "friction_stage_testing"
 
@@ -14,8 +16,8 @@ Then the fixture `friction_stage` starts a stage:
             stage.step(controller.force(0.01 - stage.sample.position[0]))
         assert abs(stage.sample.position[0] - 0.01) < 1e-5
 
-Nothing here sleeps for a fixed time: it waits for a message, a service or the end of a process, and a process that
-ends too early fails the test at once, with its log.
+Nothing here sleeps for a fixed time: it waits for a message, a service or the end of a process, and
+a process that ends too early fails the test at once, with its log.
 """
 
 import fcntl
@@ -66,7 +68,8 @@ def stamp(nanoseconds: int) -> Stamp:
 
 
 def trajectory(points: list[dict], start: int = 0) -> JointTrajectory:
-    """A move of the stage: points as {time: s, positions: [m], velocities: [m/s], ...}; start in ns, 0 = now."""
+    """A move of the stage: points as {time: s, positions: [m], velocities: [m/s], ...}; start in
+    ns, 0 = now."""
     message = JointTrajectory(joint_names=["stage"])
     message.header.stamp = stamp(start)
     for point in points:
@@ -168,7 +171,8 @@ class Process:
             ) from None
         allowed = expected if isinstance(expected, tuple) else (expected,)
         assert code in allowed, (
-            f"{self.name} {f'answered {how.name}' if ran else 'ended by itself'} with exit code {code} "
+            f"{self.name} {f'answered {how.name}' if ran else 'ended by itself'} with exit code "
+            f"{code} "
             f"instead of {expected}:\n{self.excerpt()}"
         )
 
@@ -182,7 +186,8 @@ class Process:
 
 
 def domain_is_silent(domain: int) -> bool:
-    """Whether no DDS participant of this machine listens on the domain's first ports (RTPS 2.3, 9.6.1)."""
+    """Whether no DDS participant of this machine listens on the domain's first ports (RTPS 2.3,
+    9.6.1)."""
     for port in (7400 + 250 * domain, 7400 + 250 * domain + 10):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             try:
@@ -194,7 +199,8 @@ def domain_is_silent(domain: int) -> bool:
 
 @contextmanager
 def free_domain() -> Iterator[int]:
-    """A ROS domain that nobody else on this machine uses, in the environment of the tests and their processes."""
+    """A ROS domain that nobody else on this machine uses, in the environment of the tests and their
+    processes."""
     first, _, last = os.environ.get("PEER_DOMAINS", "1-100").partition("-")
     domains = list(range(int(first), int(last or first) + 1))
     start = os.getpid() % len(domains)
@@ -216,7 +222,8 @@ def free_domain() -> Iterator[int]:
 
 
 class Ros:
-    """An rclpy node in the process of the test, spun only while the test waits: the defaults that a user gets, no thread."""
+    """An rclpy node in the process of the test, spun only while the test waits: the defaults that a
+    user gets, no thread."""
 
     # Types of the topics by name.
     topics = TOPICS
@@ -245,7 +252,8 @@ class Ros:
         return node
 
     def until(self, condition: Callable[[], Any], what: str, timeout: float = PATIENCE) -> Any:
-        """Spins until the condition is true and returns its value; `what` names it in the failure."""
+        """Spins until the condition is true and returns its value; `what` names it in
+        the failure."""
         deadline = time.monotonic() + timeout
         while not (value := condition()):
             for process in self.processes:
@@ -268,8 +276,8 @@ class Ros:
     def collect(self, topic: str, depth: int = 50_000) -> list:
         """A list to which every message on the topic is added while the test waits for something.
 
-        While one lost packet is repaired all that follow it wait in the reader, at 10,000 a second in lockstep; beyond
-        the depth they are lost.
+        While one lost packet is repaired all that follow it wait in the reader, at 10,000 a second
+        in lockstep; beyond the depth they are lost.
         """
         messages: list = []
         self.node.create_subscription(
@@ -372,13 +380,15 @@ class Stage:
         return process
 
     def run(self, seconds: float) -> list[JointState]:
-        """Waits until a controller that is a node has answered samples of so many seconds; these samples."""
+        """Waits until a controller that is a node has answered samples of so many seconds; these
+        samples."""
         since, end = len(self.samples), self.time + seconds
         self.ros.until(lambda: self.time >= end, f"{seconds} s of the stage's time")
         return self.samples[since:]
 
     def move(self, position: float, seconds: float, within: float = 1e-5) -> list[JointState]:
-        """Sends a move to a position (m) on /stage/setpoint and waits until the stage is there; the samples meanwhile."""
+        """Sends a move to a position (m) on /stage/setpoint and waits until the stage is there; the
+        samples meanwhile."""
         # The stage subscribes to setpoints, too.
         setpoint = self.ros.publisher("/stage/setpoint", readers=2)
         since = len(self.samples)
@@ -398,7 +408,8 @@ class Stage:
         return self.samples[since:]
 
     def bag(self) -> Path:
-        """Ends the recording of a stage that was started with bag=True; its directory, which is complete."""
+        """Ends the recording of a stage that was started with bag=True; its directory, which is
+        complete."""
         assert self.directory, "start it with friction_stage(bag=True, ...)"
         ended = self.ros.call(SetBool, "/stage/record", data=False)
         assert ended.success, ended.message
@@ -414,7 +425,8 @@ def friction_stage_domain() -> Iterator[int]:
 
 @pytest.fixture
 def friction_stage_processes(request: pytest.FixtureRequest) -> Iterator[list[Process]]:
-    """The processes that the test started, in order. Those still running at its end get SIGTERM and must exit with 0."""
+    """The processes that the test started, in order. Those still running at its end get SIGTERM and
+    must exit with 0."""
     started: list[Process] = []
     request.node.friction_stage_processes = started
     yield started
@@ -431,7 +443,8 @@ def friction_stage_processes(request: pytest.FixtureRequest) -> Iterator[list[Pr
 def friction_stage(
     friction_stage_domain: int, friction_stage_processes: list[Process], tmp_path: Path
 ) -> Iterator[Callable[..., Stage]]:
-    """friction_stage(bag=False, **parameters of stage_node): starts a stage in lockstep that stands at its first sample."""
+    """friction_stage(bag=False, **parameters of stage_node): starts a stage in lockstep that stands
+    at its first sample."""
     with ExitStack() as stack:
 
         def begin(bag: bool = False, **parameters: object) -> Stage:

@@ -1,7 +1,12 @@
 #!/usr/bin/env python3
-"""Plays a trajectory file to a running stage, with nothing but rclpy: play_trajectory.py next_experiment.yaml [TOPIC]
+"""Plays a trajectory file to a running stage, with nothing but rclpy:
 
-The same as: ros2 topic pub --once -w 2 /stage/setpoint trajectory_msgs/msg/JointTrajectory "$(cat next_experiment.yaml)"
+    play_trajectory.py next_experiment.yaml [TOPIC]
+
+The same as:
+
+    ros2 topic pub --once -w 2 /stage/setpoint trajectory_msgs/msg/JointTrajectory \\
+        "$(cat next_experiment.yaml)"
 """
 
 import sys
@@ -17,7 +22,8 @@ PATIENCE = 20.0
 
 
 def trajectory_of(text: str) -> JointTrajectory:
-    """The message that a YAML text says, field by field; an unknown field or a value of another type is an error."""
+    """The message that a YAML text says, field by field; an unknown field or a value of another
+    type is an error."""
     given = yaml.safe_load(text)
     points = [
         JointTrajectoryPoint(**{**point, "time_from_start": Duration(**point["time_from_start"])})
@@ -32,7 +38,8 @@ def main(path: str, topic: str = "/stage/setpoint") -> None:
     rclpy.init()
     node = rclpy.create_node("play_trajectory")
     publisher = node.create_publisher(JointTrajectory, topic, 10)
-    # The controller follows it, and the stage hears it for its recording. Without a stamp it starts when it is heard.
+    # The controller follows it, and the stage hears it for its recording. Without a stamp it starts
+    # when it is heard.
     deadline = time.monotonic() + PATIENCE
     while publisher.get_subscription_count() < 2:
         if time.monotonic() > deadline:

@@ -17,22 +17,56 @@ from data import Case, run, yaml_of
 SEEDS = range(1, 11)
 NULLS = range(1, 4)
 RATE = 2000
-GUIDE = {"stiffness": 4.5e5, "bristle_damping": 900.0, "viscous_friction": 18.0,
-         "coulomb_force": 13.5, "static_force": 16.8, "stribeck_velocity": 0.005}
+GUIDE = {
+    "stiffness": 4.5e5,
+    "bristle_damping": 900.0,
+    "viscous_friction": 18.0,
+    "coulomb_force": 13.5,
+    "static_force": 16.8,
+    "stribeck_velocity": 0.005,
+}
 SENSORS = {"force_cell": {"noise": 0.05}, "encoder": {"resolution": 1e-9, "noise": 1e-9}}
 
 # Position after each move, mm, its time, s, and the rest after it, s.
-TRAIN = [(0.02, 0.2, 0.2), (0.0, 0.2, 0.2), (1.0, 0.5, 0.1), (-40.0, 1.6, 0.1), (30.0, 0.5, 0.2),
-         (30.01, 0.1, 0.2), (-60.0, 1.2, 0.1), (70.0, 0.7, 0.2), (-70.0, 0.35, 0.3), (10.0, 2.2, 0.1),
-         (9.97, 0.15, 0.2), (60.0, 0.4, 0.1), (-10.0, 0.9, 0.2), (50.0, 0.25, 0.2), (-50.0, 1.8, 0.1),
-         (0.0, 0.5, 0.3)]
-CHECK = [(-20.0, 0.8, 0.2), (-20.03, 0.15, 0.2), (45.0, 1.1, 0.1), (-55.0, 0.6, 0.2),
-         (20.0, 1.9, 0.1), (65.0, 0.4, 0.2), (-30.0, 0.45, 0.2), (0.0, 0.7, 0.3)]
+TRAIN = [
+    (0.02, 0.2, 0.2),
+    (0.0, 0.2, 0.2),
+    (1.0, 0.5, 0.1),
+    (-40.0, 1.6, 0.1),
+    (30.0, 0.5, 0.2),
+    (30.01, 0.1, 0.2),
+    (-60.0, 1.2, 0.1),
+    (70.0, 0.7, 0.2),
+    (-70.0, 0.35, 0.3),
+    (10.0, 2.2, 0.1),
+    (9.97, 0.15, 0.2),
+    (60.0, 0.4, 0.1),
+    (-10.0, 0.9, 0.2),
+    (50.0, 0.25, 0.2),
+    (-50.0, 1.8, 0.1),
+    (0.0, 0.5, 0.3),
+]
+CHECK = [
+    (-20.0, 0.8, 0.2),
+    (-20.03, 0.15, 0.2),
+    (45.0, 1.1, 0.1),
+    (-55.0, 0.6, 0.2),
+    (20.0, 1.9, 0.1),
+    (65.0, 0.4, 0.2),
+    (-30.0, 0.45, 0.2),
+    (0.0, 0.7, 0.3),
+]
 
-MAPPING = {"rate": RATE, "signals": {
-    "time": {"column": "time_s"}, "position": {"column": "position_m"},
-    "reference_position": {"column": "reference_m"}, "force": {"column": "force_n"},
-    "force_cell": {"column": "force_cell_n"}}}
+MAPPING = {
+    "rate": RATE,
+    "signals": {
+        "time": {"column": "time_s"},
+        "position": {"column": "position_m"},
+        "reference_position": {"column": "reference_m"},
+        "force": {"column": "force_n"},
+        "force_cell": {"column": "force_cell_n"},
+    },
+}
 
 # Laws and the ranges from which their values are drawn: sizes that they usually have, assumed.
 LAWS = {
@@ -42,8 +76,11 @@ LAWS = {
     "ball_passage": {"amplitude": (0.5, 2.0), "period": (0.007, 0.01), "phase": (-3.0, 3.0)},
     "asymmetric_friction": {"fraction": (0.05, 0.2), "viscous_fraction": (0.05, 0.2)},
     "quadratic_drag": {"coefficient": (10.0, 60.0)},
-    "position_dependent_friction": {"fraction": (0.1, 0.3), "center": (-0.04, 0.04),
-                                    "width": (0.01, 0.03)},
+    "position_dependent_friction": {
+        "fraction": (0.1, 0.3),
+        "center": (-0.04, 0.04),
+        "width": (0.01, 0.03),
+    },
     # A force over the position that follows no law: knots drawn one by one.
     "map": {},
 }
@@ -56,22 +93,36 @@ def draw(seed: int) -> tuple[dict, list[str]]:
     guides = []
     for _ in range(4):
         friction, stiffness = random.uniform(0.95, 1.05, 2)
-        guides.append({**GUIDE, "stiffness": GUIDE["stiffness"] * stiffness,
-                       "viscous_friction": GUIDE["viscous_friction"] * viscous,
-                       "coulomb_force": GUIDE["coulomb_force"] * friction,
-                       "static_force": GUIDE["static_force"] * friction})
+        guides.append(
+            {
+                **GUIDE,
+                "stiffness": GUIDE["stiffness"] * stiffness,
+                "viscous_friction": GUIDE["viscous_friction"] * viscous,
+                "coulomb_force": GUIDE["coulomb_force"] * friction,
+                "static_force": GUIDE["static_force"] * friction,
+            }
+        )
     names = list(random.choice(list(LAWS), random.choice([0, 1, 1, 1, 2]), replace=False))
     effects = []
     for name in map(str, names):
         values = {key: float(random.uniform(*ends)) for key, ends in LAWS[name].items()}
         if name == "map":
             knots = np.convolve(random.normal(0, 3.0, 14), [0.25, 0.5, 0.25], "valid")
-            values = {"coordinate": "position", "from": -0.08, "to": 0.08,
-                      "values": [float(k) for k in knots]}
+            values = {
+                "coordinate": "position",
+                "from": -0.08,
+                "to": 0.08,
+                "values": [float(k) for k in knots],
+            }
         effects.append({name: values})
     mass = 40.0 * random.uniform(0.997, 1.003)
-    return {"name": "stage as it is", "mass": float(mass), "guides": plain(guides),
-            "effects": effects, **SENSORS}, [str(name) for name in names]
+    return {
+        "name": "stage as it is",
+        "mass": float(mass),
+        "guides": plain(guides),
+        "effects": effects,
+        **SENSORS,
+    }, [str(name) for name in names]
 
 
 def plain(guides: list[dict]) -> list[dict]:
@@ -85,9 +136,14 @@ def trajectory(moves: list[tuple[float, float, float]]) -> dict:
             time += wait
             if wait or not points:
                 second = int(time + 1e-9)
-                points.append({"positions": [position], "velocities": [0.0], "accelerations": [0.0],
-                               "time_from_start": {"sec": second,
-                                                   "nanosec": round(1e9 * (time - second))}})
+                points.append(
+                    {
+                        "positions": [position],
+                        "velocities": [0.0],
+                        "accelerations": [0.0],
+                        "time_from_start": {"sec": second, "nanosec": round(1e9 * (time - second))},
+                    }
+                )
     return {"joint_names": ["stage"], "points": points}
 
 
@@ -97,8 +153,11 @@ def make(program: Path, out: Path, name: str, stage: dict, names: list[str], see
     place.mkdir(parents=True, exist_ok=True)
     answers.mkdir(exist_ok=True)
     declared, mapping = place / "declared.yaml", place / "mapping.yaml"
-    declared.write_text(yaml.safe_dump({"name": "stage as declared", "mass": 40.0,
-                                        "guides": plain([GUIDE] * 4), **SENSORS}))
+    declared.write_text(
+        yaml.safe_dump(
+            {"name": "stage as declared", "mass": 40.0, "guides": plain([GUIDE] * 4), **SENSORS}
+        )
+    )
     mapping.write_text(yaml.safe_dump(MAPPING))
     answer = answers / f"{name}.yaml"
     tables = []
@@ -109,10 +168,25 @@ def make(program: Path, out: Path, name: str, stage: dict, names: list[str], see
         if not table.exists() or not answer.exists() or yaml_of(answer.read_text()) != stage:
             answer.write_text(yaml.safe_dump(stage))
             bag = answers / f"{name}_{which}"
-            run(program, "play", motion, "--model", answer, "--record", bag, "--force",
-                "--samples", table, "--rate", RATE, "--seed", noise)
-    return Case(name=name, model=declared, train=tables[0], holdout=tables[1], mapping=mapping,
-                hidden=names)
+            run(
+                program,
+                "play",
+                motion,
+                "--model",
+                answer,
+                "--record",
+                bag,
+                "--force",
+                "--samples",
+                table,
+                "--rate",
+                RATE,
+                "--seed",
+                noise,
+            )
+    return Case(
+        name=name, model=declared, train=tables[0], holdout=tables[1], mapping=mapping, hidden=names
+    )
 
 
 def blind_cases(program: Path, out: Path, wanted: set[str] | None) -> list[Case]:
@@ -125,5 +199,7 @@ def blind_cases(program: Path, out: Path, wanted: set[str] | None) -> list[Case]
         if wanted is None or f"null_{seed}" in wanted:
             stage, _ = draw(0)
             # One stage, and another seed of the noise of its sensors.
-            cases.append(make(program, out, f"null_{seed}", {**stage, "effects": []}, [], 100 + seed))
+            cases.append(
+                make(program, out, f"null_{seed}", {**stage, "effects": []}, [], 100 + seed)
+            )
     return cases

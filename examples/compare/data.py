@@ -1,8 +1,8 @@
 """Recordings as every tool of the comparison gets them.
 
-A bag is read with `friction-stage replay --csv`, a table with its columns. Out comes the time, s, the
-position that the encoder read, m, and the force that the controller commanded, N, held until the
-next sample. Rotary drives use rad and N m in place of m and N.
+A bag is read with `friction-stage replay --csv`, a table with its columns. Out comes the time, s,
+the position that the encoder read, m, and the force that the controller commanded, N, held until
+the next sample. Rotary drives use rad and N m in place of m and N.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ LAUNCH = ROOT / "launch_config"
 
 def yaml_of(text: str) -> dict:
     """A YAML document; YAML 1.2 has numbers such as 4.5e5, which PyYAML leaves as text."""
+
     def numbers(value: object) -> object:
         if isinstance(value, dict):
             return {key: numbers(inner) for key, inner in value.items()}
@@ -108,7 +109,8 @@ class Case:
 
 
 def on_grid(time: np.ndarray, *columns: np.ndarray) -> tuple[float, list[np.ndarray]]:
-    """Sampling interval and the columns at uniform instants; instants up to 20 ms off the grid are taken as on it."""
+    """Sampling interval and the columns at uniform instants; instants up to 20 ms off the grid are
+    taken as on it."""
     dt = float(np.median(np.diff(time)))
     off = np.abs(time - time[0] - dt * np.arange(len(time))).max()
     if off > 0.02:
@@ -168,37 +170,43 @@ def measured_cases(directory: Path | None, missing: list[str]) -> list[Case]:
     # What a person may offer by hand after a look at the answer of friction-stage.
     offered = {"a": [0.024, 0.012], "e": [8.7e-3]}
     for name in "abcdef":
-        cases.append(Case(
-            name=name,
-            model=LAUNCH / "stage_measured_runs.yaml",
-            train=(directory or Path("missing")) / name / "train",
-            holdout=(directory or Path("missing")) / name / "check",
-            offered_periods=offered.get(name, []),
-            offered_spring=name == "c",
-            hidden=[] if name == "b" else None,
-        ))
-    cases.append(Case(
-        name="emps",
-        model=LAUNCH / "emps.yaml",
-        mapping=LAUNCH / "emps_mapping.yaml",
-        train=(directory or Path("missing")) / "emps" / "train.csv",
-        holdout=(directory or Path("missing")) / "emps" / "check.csv",
-        cutoff=100.0,
-        mass_tolerance=0.2,
-        guide_tolerance=4.0,
-        offered_periods=[2.5e-3],
-    ))
+        cases.append(
+            Case(
+                name=name,
+                model=LAUNCH / "stage_measured_runs.yaml",
+                train=(directory or Path("missing")) / name / "train",
+                holdout=(directory or Path("missing")) / name / "check",
+                offered_periods=offered.get(name, []),
+                offered_spring=name == "c",
+                hidden=[] if name == "b" else None,
+            )
+        )
+    cases.append(
+        Case(
+            name="emps",
+            model=LAUNCH / "emps.yaml",
+            mapping=LAUNCH / "emps_mapping.yaml",
+            train=(directory or Path("missing")) / "emps" / "train.csv",
+            holdout=(directory or Path("missing")) / "emps" / "check.csv",
+            cutoff=100.0,
+            mass_tolerance=0.2,
+            guide_tolerance=4.0,
+            offered_periods=[2.5e-3],
+        )
+    )
     screw = (directory or Path("missing")) / "screw_drive" / "start_stop"
-    cases.append(Case(
-        name="screw",
-        model=Path(__file__).parent / "screw_drive.yaml",
-        train=screw / "200.csv",
-        holdout=screw / "50.csv",
-        mapping=Path(__file__).parent / "screw_drive_mapping.yaml",
-        cutoff=5.0,
-        mass_tolerance=0.9,
-        guide_tolerance=0.9,
-    ))
+    cases.append(
+        Case(
+            name="screw",
+            model=Path(__file__).parent / "screw_drive.yaml",
+            train=screw / "200.csv",
+            holdout=screw / "50.csv",
+            mapping=Path(__file__).parent / "screw_drive_mapping.yaml",
+            cutoff=5.0,
+            mass_tolerance=0.9,
+            guide_tolerance=0.9,
+        )
+    )
     there = [case for case in cases if case.train.exists() and case.holdout.exists()]
     missing.extend(case.name for case in cases if case not in there)
     return there

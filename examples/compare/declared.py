@@ -20,13 +20,27 @@ from scipy.optimize import least_squares
 from data import Case, Recording
 from metric import BREAK_AWAY_LENGTHS, MOVING, Motion, interval_means
 
-GUIDE_KEYS = ("stiffness", "bristle_damping", "viscous_friction", "coulomb_force", "static_force",
-              "stribeck_velocity")
+GUIDE_KEYS = (
+    "stiffness",
+    "bristle_damping",
+    "viscous_friction",
+    "coulomb_force",
+    "static_force",
+    "stribeck_velocity",
+)
 # As a share of the sampling interval: how far the instants of encoder and command may be apart.
 TIME_SHIFT = 0.05
 # Guide 1 of the catalogue, for a model that names its guides.
-CATALOGUE = {"guide_1": dict(stiffness=4.5e5, bristle_damping=900.0, viscous_friction=18.0,
-                             coulomb_force=13.5, static_force=16.8, stribeck_velocity=0.005)}
+CATALOGUE = {
+    "guide_1": dict(
+        stiffness=4.5e5,
+        bristle_damping=900.0,
+        viscous_friction=18.0,
+        coulomb_force=13.5,
+        static_force=16.8,
+        stribeck_velocity=0.005,
+    )
+}
 
 
 class NotEvaluated(Exception):
@@ -61,7 +75,9 @@ def bristle(velocity: np.ndarray, dt: float, guide: dict, level: np.ndarray) -> 
     """Force of one bristle in each interval; `level` is a factor on g of each interval."""
     stiffness = guide["stiffness"]
     coulomb, static = guide["coulomb_force"], guide["static_force"]
-    g = level * (coulomb + (static - coulomb) * np.exp(-((velocity / guide["stribeck_velocity"]) ** 2)))
+    g = level * (
+        coulomb + (static - coulomb) * np.exp(-((velocity / guide["stribeck_velocity"]) ** 2))
+    )
     end = np.sign(velocity) * g / stiffness
     kept = np.exp(-np.abs(velocity) * dt * stiffness / g)
     added = end * (1 - kept)
@@ -79,7 +95,7 @@ def friction(motion: Motion, guides: list[dict], effects: list[dict] = ()) -> np
     x = 0.5 * (motion.driven[1:] + motion.driven[:-1])
     level, viscous, parts = np.ones_like(v), np.ones_like(v), [(1.0, 1.0, 1.0)]
     for effect in effects:
-        (name, values), = effect.items()
+        ((name, values),) = effect.items()
         if name == "asymmetric_friction":
             level = level * (1 + values["fraction"] * np.sign(v))
             viscous = viscous * (1 + values.get("viscous_fraction", 0.0) * np.sign(v))
@@ -87,7 +103,9 @@ def friction(motion: Motion, guides: list[dict], effects: list[dict] = ()) -> np
             if values.get("period", 0.0) > 0:
                 shape = np.sin(2 * np.pi * x / values["period"] + values.get("phase", 0.0))
             else:
-                shape = np.exp(-(((x - values.get("center", 0.0)) / values.get("width", 0.05)) ** 2))
+                shape = np.exp(
+                    -(((x - values.get("center", 0.0)) / values.get("width", 0.05)) ** 2)
+                )
             level = level * (1 + values["fraction"] * shape)
         elif name == "viscous_warm_up":
             viscous = viscous * (1 - values["fraction"] * warmth(v, dt, values))
@@ -109,8 +127,11 @@ def friction(motion: Motion, guides: list[dict], effects: list[dict] = ()) -> np
     for guide in unique(guides):
         count = sum(guide == other for other in guides)
         for stiff, damped, strong in parts:
-            part = {**guide, "stiffness": guide["stiffness"] * stiff,
-                    "bristle_damping": guide["bristle_damping"] * damped}
+            part = {
+                **guide,
+                "stiffness": guide["stiffness"] * stiff,
+                "bristle_damping": guide["bristle_damping"] * damped,
+            }
             total += count * bristle(v, dt, part, strong * level)
         total += count * guide["viscous_friction"] * viscous * v
     return interval_means(total)
@@ -160,7 +181,7 @@ def effect_force(motion: Motion, effects: list[dict], mass: float) -> np.ndarray
     x, v, a, t = motion.position, motion.velocity, motion.acceleration, motion.time
     total = np.zeros_like(x)
     for effect in effects:
-        (name, p), = effect.items()
+        ((name, p),) = effect.items()
         if name == "cogging":
             total += p["amplitude"] * np.sin(2 * np.pi * x / p["period"] + p.get("phase", 0.0))
         elif name == "ball_passage":
@@ -182,8 +203,11 @@ def effect_force(motion: Motion, effects: list[dict], mass: float) -> np.ndarray
         elif name == "motor_gain":
             total += p["fraction"] * motion.force
         elif name == "force_ripple":
-            total += (motion.force * p["fraction"]
-                      * np.sin(2 * np.pi * x / p["period"] + p.get("phase", 0.0)))
+            total += (
+                motion.force
+                * p["fraction"]
+                * np.sin(2 * np.pi * x / p["period"] + p.get("phase", 0.0))
+            )
         elif name == "external_vibration":
             total += p["amplitude"] * np.sin(2 * np.pi * p["frequency"] * t + p.get("phase", 0.0))
         elif name == "map":
@@ -192,8 +216,12 @@ def effect_force(motion: Motion, effects: list[dict], mass: float) -> np.ndarray
                 total += knots(p, x, v, t)
             elif side == "mass":
                 raise NotEvaluated("map of the mass")
-        elif name not in ("asymmetric_friction", "position_dependent_friction", "viscous_warm_up",
-                          "distributed_bristles"):
+        elif name not in (
+            "asymmetric_friction",
+            "position_dependent_friction",
+            "viscous_warm_up",
+            "distributed_bristles",
+        ):
             raise NotEvaluated(name)
     return total
 
@@ -225,7 +253,10 @@ def fit(motion: Motion, stage: Stage, case: Case, terms: np.ndarray | None = Non
         low = 1 - case.guide_tolerance
     mass_low = 1 - case.mass_tolerance if case.mass_tolerance < 1 else 1 / (1 + case.mass_tolerance)
     size = len(GUIDE_KEYS)
-    bounds = ([mass_low, *[low] * size, -TIME_SHIFT], [1 + case.mass_tolerance, *[high] * size, TIME_SHIFT])
+    bounds = (
+        [mass_low, *[low] * size, -TIME_SHIFT],
+        [1 + case.mass_tolerance, *[high] * size, TIME_SHIFT],
+    )
     # A band of 200 Hz needs no more rows than this.
     thin = max(1, int(1 / (2.5 * case.cutoff * motion.dt)))
     basis = None
@@ -261,6 +292,8 @@ def fit(motion: Motion, stage: Stage, case: Case, terms: np.ndarray | None = Non
         if terms is None:
             fitted.effects = [e for e in fitted.effects if "constant_force" not in e]
             before = sum(e["constant_force"]["amplitude"] for e in constant)
-            fitted.effects.append({"constant_force": {"amplitude": before - float(coefficients[0])}})
+            fitted.effects.append(
+                {"constant_force": {"amplitude": before - float(coefficients[0])}}
+            )
             coefficients = np.zeros(0)
     return Fit(fitted, shift, coefficients, done.nfev)

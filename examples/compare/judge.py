@@ -1,4 +1,5 @@
-"""Whether an answer is right, where what is hidden is known: the only part that reads the answers."""
+"""Whether an answer is right, where what is hidden is known: the only part that reads the
+answers."""
 
 from __future__ import annotations
 

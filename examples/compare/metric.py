@@ -47,8 +47,14 @@ def interval_means(held: np.ndarray) -> np.ndarray:
 class Motion:
     """Measured motion and force of a recording at its inner samples, in one band."""
 
-    def __init__(self, recording: Recording, cutoff: float, mass: float, break_away: float,
-                 moving: float = MOVING):
+    def __init__(
+        self,
+        recording: Recording,
+        cutoff: float,
+        mass: float,
+        break_away: float,
+        moving: float = MOVING,
+    ):
         self.dt, self.cutoff = recording.dt, cutoff
         x, dt = recording.position, self.dt
         # What a carriage of this mass does above the corner under the command: an encoder of
@@ -94,8 +100,11 @@ class ForceError:
     force: float
 
     def as_dict(self) -> dict:
-        return {"all_rows": self.all_rows, "moving_rows": self.moving_rows,
-                "relative": self.all_rows / self.force}
+        return {
+            "all_rows": self.all_rows,
+            "moving_rows": self.moving_rows,
+            "relative": self.all_rows / self.force,
+        }
 
 
 def rms(values: np.ndarray) -> float:

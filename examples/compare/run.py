@@ -55,7 +55,9 @@ def compare(program: Path, case: Case, out: Path, wanted: list[str], result: dic
     declared = case.declared()
     stage = Stage.of(declared)
     clock = Clock()
-    recordings = {which: read(program, case, which, out / "scratch") for which in ("train", "holdout")}
+    recordings = {
+        which: read(program, case, which, out / "scratch") for which in ("train", "holdout")
+    }
     train, holdout = (motion_of(recordings[which], case) for which in ("train", "holdout"))
     clock.lap("load")
     grey = fit(train, stage, case)
@@ -65,11 +67,15 @@ def compare(program: Path, case: Case, out: Path, wanted: list[str], result: dic
         "case": case.name,
         "band_hz": case.cutoff,
         "rows": {"train": len(train.position), "holdout": len(holdout.position)},
-        "floor": noise_floor(holdout, stage.mass, encoder.get("noise", 0.0),
-                             encoder.get("resolution", 0.0)),
+        "floor": noise_floor(
+            holdout, stage.mass, encoder.get("noise", 0.0), encoder.get("resolution", 0.0)
+        ),
         "declared_as_it_is": force_error(holdout, residual(holdout, stage)).as_dict(),
-        "grey_box": {"holdout": force_error(holdout, residual(holdout, grey.stage, grey.shift))
-                     .as_dict(), "evaluations": grey.evaluations, "cpu": clock.parts},
+        "grey_box": {
+            "holdout": force_error(holdout, residual(holdout, grey.stage, grey.shift)).as_dict(),
+            "evaluations": grey.evaluations,
+            "cpu": clock.parts,
+        },
     }
     tools = {
         "friction_stage": (tool_friction_stage.identify, program, case, holdout, out),
@@ -99,12 +105,20 @@ def main() -> int:
     parser.add_argument("--program", type=Path, required=True, help="the program friction-stage")
     parser.add_argument("--out", type=Path, required=True, help="directory of the results")
     parser.add_argument("--recordings", type=Path, help="default: FRICTION_STAGE_RECORDINGS")
-    parser.add_argument("--only", nargs="+", metavar="CASE",
-                        help="a to f, emps, screw, blind_1 to blind_10, null_1 to null_3")
-    parser.add_argument("--tools", nargs="+", choices=TOOLS, default=TOOLS,
-                        help="run these only; a later run adds the others")
-    parser.add_argument("--again", choices=TOOLS,
-                        help="run this tool again on cases that are kept")
+    parser.add_argument(
+        "--only",
+        nargs="+",
+        metavar="CASE",
+        help="a to f, emps, screw, blind_1 to blind_10, null_1 to null_3",
+    )
+    parser.add_argument(
+        "--tools",
+        nargs="+",
+        choices=TOOLS,
+        default=TOOLS,
+        help="run these only; a later run adds the others",
+    )
+    parser.add_argument("--again", choices=TOOLS, help="run this tool again on cases that are kept")
     given = parser.parse_args()
     kept = given.out / "cases"
     kept.mkdir(parents=True, exist_ok=True)
@@ -133,8 +147,11 @@ def main() -> int:
     results = [result for result in results if "friction_stage" in result and "pysindy" in result]
     text = markdown(results)
     (given.out / "compare.md").write_text(text)
-    (given.out / "compare.json").write_text(json.dumps(
-        {"date": date.today().isoformat(), "skipped": missing, "cases": results}, indent=1))
+    (given.out / "compare.json").write_text(
+        json.dumps(
+            {"date": date.today().isoformat(), "skipped": missing, "cases": results}, indent=1
+        )
+    )
     print(text)
     return 0
 

@@ -8,10 +8,14 @@ import math
 def markdown(results: list[dict]) -> str:
     results = sorted(results, key=order)
     parts = [
-        "## What each tool says", said(results),
-        "## What is left on the held-out record", left(results),
-        "## Where the answer is known", score(results),
-        "## CPU time", cost(results),
+        "## What each tool says",
+        said(results),
+        "## What is left on the held-out record",
+        left(results),
+        "## Where the answer is known",
+        score(results),
+        "## CPU time",
+        cost(results),
     ]
     return "\n\n".join(part for part in parts if part) + "\n"
 
@@ -72,12 +76,29 @@ def said(results: list[dict]) -> str:
         if ours.get("error"):
             says += ": " + ours["error"].rsplit("error: ", 1)[-1]
         simulator = result.get("mujoco", {})
-        body.append([label(result), hidden(result), says, terms(peer.get("found")),
-                     terms(peer.get("offered")), moved(simulator.get("declared")),
-                     moved(simulator.get("offered"))])
-    return rows(["recording", "hidden", "friction-stage", "PySINDy, terms found",
-                 "PySINDy, periods offered by hand", "MuJoCo, declared model",
-                 "MuJoCo, law offered by hand"], body)
+        body.append(
+            [
+                label(result),
+                hidden(result),
+                says,
+                terms(peer.get("found")),
+                terms(peer.get("offered")),
+                moved(simulator.get("declared")),
+                moved(simulator.get("offered")),
+            ]
+        )
+    return rows(
+        [
+            "recording",
+            "hidden",
+            "friction-stage",
+            "PySINDy, terms found",
+            "PySINDy, periods offered by hand",
+            "MuJoCo, declared model",
+            "MuJoCo, law offered by hand",
+        ],
+        body,
+    )
 
 
 def moved(found: dict | None) -> str:
@@ -104,17 +125,37 @@ def left(results: list[dict]) -> str:
         unit = unit_of(result)
         peer, simulator = result["pysindy"], result.get("mujoco", {})
         found, offered = peer.get("found", {}), peer.get("offered", {})
-        body.append([
-            label(result), force(result["floor"], unit) if result["floor"] else "-",
-            pair(result["grey_box"], unit), pair(result["friction_stage"], unit),
-            pair(found, unit), pair({"holdout": found.get("holdout_refitted")}, unit),
-            pair(offered, unit), pair({"holdout": offered.get("holdout_refitted")}, unit),
-            pair(peer.get("raw_states"), unit), pair(simulator.get("declared"), unit),
-            pair(simulator.get("offered"), unit),
-        ])
-    return rows(["recording", "encoder noise", "declared model, fitted", "friction-stage",
-                 "PySINDy, found", "and refitted", "PySINDy, offered", "and refitted",
-                 "PySINDy, raw states", "MuJoCo, declared", "MuJoCo, offered"], body)
+        body.append(
+            [
+                label(result),
+                force(result["floor"], unit) if result["floor"] else "-",
+                pair(result["grey_box"], unit),
+                pair(result["friction_stage"], unit),
+                pair(found, unit),
+                pair({"holdout": found.get("holdout_refitted")}, unit),
+                pair(offered, unit),
+                pair({"holdout": offered.get("holdout_refitted")}, unit),
+                pair(peer.get("raw_states"), unit),
+                pair(simulator.get("declared"), unit),
+                pair(simulator.get("offered"), unit),
+            ]
+        )
+    return rows(
+        [
+            "recording",
+            "encoder noise",
+            "declared model, fitted",
+            "friction-stage",
+            "PySINDy, found",
+            "and refitted",
+            "PySINDy, offered",
+            "and refitted",
+            "PySINDy, raw states",
+            "MuJoCo, declared",
+            "MuJoCo, offered",
+        ],
+        body,
+    )
 
 
 def score(results: list[dict]) -> str:
@@ -122,21 +163,35 @@ def score(results: list[dict]) -> str:
     if not known:
         return ""
     body = []
-    for kind, of_kind in (("something hidden", [r for r in known if r["hidden"]]),
-                          ("nothing hidden", [r for r in known if not r["hidden"]])):
+    for kind, of_kind in (
+        ("something hidden", [r for r in known if r["hidden"]]),
+        ("nothing hidden", [r for r in known if not r["hidden"]]),
+    ):
         judged = [r["terms_judged"] for r in of_kind if "terms_judged" in r]
         shown = sum(j["shown"] for j in judged)
         of_all = sum(j["hidden"] for j in judged)
-        body.append([
-            kind, str(len(of_kind)), f"{sum(r['right'] for r in of_kind)} of {len(of_kind)}",
-            f"{shown} of {of_all}" if of_all else "-",
-            str(sum(j["false_terms"] for j in judged)),
-            f"{sum(not j['false_terms'] and j['shown'] == j['hidden'] for j in judged)}"
-            f" of {len(judged)}",
-        ])
-    return rows(["recordings", "number", "friction-stage: verdict right",
-                 "PySINDy: effects that show in a term", "PySINDy: false terms",
-                 "PySINDy: all effects and no false term"], body)
+        body.append(
+            [
+                kind,
+                str(len(of_kind)),
+                f"{sum(r['right'] for r in of_kind)} of {len(of_kind)}",
+                f"{shown} of {of_all}" if of_all else "-",
+                str(sum(j["false_terms"] for j in judged)),
+                f"{sum(not j['false_terms'] and j['shown'] == j['hidden'] for j in judged)}"
+                f" of {len(judged)}",
+            ]
+        )
+    return rows(
+        [
+            "recordings",
+            "number",
+            "friction-stage: verdict right",
+            "PySINDy: effects that show in a term",
+            "PySINDy: false terms",
+            "PySINDy: all effects and no false term",
+        ],
+        body,
+    )
 
 
 def cost(results: list[dict]) -> str:
@@ -147,16 +202,32 @@ def cost(results: list[dict]) -> str:
     for result in results:
         peer, simulator = result["pysindy"], result.get("mujoco", {})
         grey = result["grey_box"]["cpu"]
-        line = [label(result), f"{grey['load']:.1f} / {grey['fit']:.1f}",
-                f"{sum(result['friction_stage'].get('cpu', {}).values()):.1f}"]
-        for name, parts in (("found", ("load", "select", "fit")), ("raw_states", ("load", "select"))):
+        line = [
+            label(result),
+            f"{grey['load']:.1f} / {grey['fit']:.1f}",
+            f"{sum(result['friction_stage'].get('cpu', {}).values()):.1f}",
+        ]
+        for name, parts in (
+            ("found", ("load", "select", "fit")),
+            ("raw_states", ("load", "select")),
+        ):
             found = peer.get(name)
-            line.append(" / ".join(f"{seconds(found, part):.1f}" for part in parts) if found else "-")
+            line.append(
+                " / ".join(f"{seconds(found, part):.1f}" for part in parts) if found else "-"
+            )
         fitted = simulator.get("declared")
-        line.append(f"{seconds(fitted, 'load'):.1f} / {seconds(fitted, 'fit'):.1f}"
-                    if fitted else "-")
+        line.append(
+            f"{seconds(fitted, 'load'):.1f} / {seconds(fitted, 'fit'):.1f}" if fitted else "-"
+        )
         body.append(line)
-    return rows(["recording", "reading and grey box: load / fit",
-                 "friction-stage: load, fit and select",
-                 "PySINDy on the residual: load / select / refit",
-                 "PySINDy on raw states: load / select", "MuJoCo: load / fit"], body)
+    return rows(
+        [
+            "recording",
+            "reading and grey box: load / fit",
+            "friction-stage: load, fit and select",
+            "PySINDy on the residual: load / select / refit",
+            "PySINDy on raw states: load / select",
+            "MuJoCo: load / fit",
+        ],
+        body,
+    )

@@ -15,8 +15,14 @@ from judge import judge_terms, judge_verdict  # noqa: E402
 from metric import Motion, force_error, noise_floor, rms  # noqa: E402
 
 DT = 5e-4
-GUIDE = dict(stiffness=4e5, bristle_damping=900.0, viscous_friction=20.0, coulomb_force=10.0,
-             static_force=14.0, stribeck_velocity=0.005)
+GUIDE = dict(
+    stiffness=4e5,
+    bristle_damping=900.0,
+    viscous_friction=20.0,
+    coulomb_force=10.0,
+    static_force=14.0,
+    stribeck_velocity=0.005,
+)
 
 
 def under_held_force(force: np.ndarray, mass: float) -> Recording:
@@ -64,7 +70,9 @@ def test_noise_floor_is_that_of_the_second_difference_in_the_band():
     # Zero phase: the gain of the Butterworth filter squared.
     gain = 1 / (1 + (np.tan(w / 2) / np.tan(np.pi * 200 * DT)) ** 8)
     power = np.trapezoid((2 - 2 * np.cos(w)) ** 2 * gain**2, w) / np.pi
-    assert noise_floor(motion, 40.0, 1e-9, 0.0) == pytest.approx(40e-9 / DT**2 * np.sqrt(power), rel=0.02)
+    assert noise_floor(motion, 40.0, 1e-9, 0.0) == pytest.approx(
+        40e-9 / DT**2 * np.sqrt(power), rel=0.02
+    )
 
 
 @pytest.mark.parametrize("speed", [0.002, 0.1, -0.1])
@@ -124,8 +132,9 @@ def test_a_verdict_is_right_with_all_names_only():
     assert not judge_verdict(answer, [("cogging", {}), ("quadratic_drag", {})])
     assert not judge_verdict(answer, [])
     assert judge_verdict({"verdict": "unknown", "effects": ["map"]}, [("map", {})])
-    assert not judge_verdict({"verdict": "unknown", "effects": ["map"]},
-                             [("map", {}), ("ball_passage", {})])
+    assert not judge_verdict(
+        {"verdict": "unknown", "effects": ["map"]}, [("map", {}), ("ball_passage", {})]
+    )
 
 
 def test_a_hysteresis_turns_over_its_width():

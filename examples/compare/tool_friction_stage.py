@@ -17,26 +17,43 @@ from metric import Motion, force_error
 def identify(program: Path, case: Case, holdout: Motion, out: Path) -> dict:
     clock = Clock()
     result = out / "friction_stage" / case.name
-    arguments = ["--model", case.model, "--train", case.train, "--holdout", case.holdout,
-                 "--out", result, "--force"]
+    arguments = [
+        "--model",
+        case.model,
+        "--train",
+        case.train,
+        "--holdout",
+        case.holdout,
+        "--out",
+        result,
+        "--force",
+    ]
     if case.mapping:
         arguments += ["--mapping", case.mapping]
     # What a user gives to the other tools, too. EMPS: as the book has it, with the defaults.
     if case.name == "screw":
-        arguments += ["--mass-tolerance", case.mass_tolerance,
-                      "--guide-tolerance", case.guide_tolerance]
+        arguments += [
+            "--mass-tolerance",
+            case.mass_tolerance,
+            "--guide-tolerance",
+            case.guide_tolerance,
+        ]
     try:
         summary = run(program, "identify", *arguments)
     except ProgramFailed as error:
         clock.lap("load, fit and select")
-        return {"tool": "friction-stage", "says": "refused", "error": str(error),
-                "cpu": clock.parts}
+        return {
+            "tool": "friction-stage",
+            "says": "refused",
+            "error": str(error),
+            "cpu": clock.parts,
+        }
     clock.lap("load, fit and select")
     names = [effect["name"] for effect in summary["effects"]]
     answer = {
         "tool": "friction-stage",
-        "says": summary["verdict"] + (": " + ", ".join(map(describe, summary["effects"]))
-                                      if names else ""),
+        "says": summary["verdict"]
+        + (": " + ", ".join(map(describe, summary["effects"])) if names else ""),
         "verdict": summary["verdict"],
         "effects": names,
         "own_holdout_force_rms": summary["errors"]["holdout"]["force_rms"],
@@ -55,9 +72,15 @@ def identify(program: Path, case: Case, holdout: Motion, out: Path) -> dict:
 
 
 # Shown with the name of an effect where it has them: key, factor, unit.
-SHOWN = (("amplitude", 1.0, "N"), ("period", 1e3, "mm"), ("stiffness", 1.0, "N/m"),
-         ("coefficient", 1.0, "N s²/m²"), ("fraction", 100.0, "%"), ("mass", 1.0, "kg"),
-         ("delay", 1e3, "ms"))
+SHOWN = (
+    ("amplitude", 1.0, "N"),
+    ("period", 1e3, "mm"),
+    ("stiffness", 1.0, "N/m"),
+    ("coefficient", 1.0, "N s²/m²"),
+    ("fraction", 100.0, "%"),
+    ("mass", 1.0, "kg"),
+    ("delay", 1e3, "ms"),
+)
 
 
 def describe(effect: dict) -> str:

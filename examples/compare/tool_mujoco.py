@@ -44,15 +44,17 @@ XML = """
   <actuator>
     <motor name="force" joint="{joint}"/>
     <dcmotor name="friction" joint="{joint}" input="none" motorconst="0" resistance="1"
-             lugre="{stiffness} {bristle_damping} {coulomb_force} {static_force} {stribeck_velocity}"/>
+          lugre="{stiffness} {bristle_damping} {coulomb_force} {static_force} {stribeck_velocity}"/>
     {cogging}
   </actuator>
   <sensor><jointpos name="position" joint="{joint}"/></sensor>
 </mujoco>
 """
 # The integer number of poles is one; the gear makes an angle of the position.
-COGGING = ('<dcmotor name="cogging{i}" joint="stage" input="none" motorconst="0" resistance="1"'
-           ' gear="{gear}" cogging="{torque} 1 {phase}"/>')
+COGGING = (
+    '<dcmotor name="cogging{i}" joint="stage" input="none" motorconst="0" resistance="1"'
+    ' gear="{gear}" cogging="{torque} 1 {phase}"/>'
+)
 
 
 class Fitting:
@@ -66,7 +68,9 @@ class Fitting:
         self.periods = case.offered_periods if hand else []
         tolerance = case.guide_tolerance
         low = 1 - tolerance if tolerance < 1 else 1 / (1 + tolerance)
-        mass_low = 1 - case.mass_tolerance if case.mass_tolerance < 1 else 1 / (1 + case.mass_tolerance)
+        mass_low = (
+            1 - case.mass_tolerance if case.mass_tolerance < 1 else 1 / (1 + case.mass_tolerance)
+        )
         self.params = sysid.ParameterDict()
         self.add("mass", 1.0, mass_low, 1 + case.mass_tolerance)
         for key in GUIDE_KEYS:
@@ -90,15 +94,24 @@ class Fitting:
         for i, period in enumerate(self.periods):
             wave = 2 * np.pi / period
             sine, cosine = value[f"sine{i}"], value[f"cosine{i}"]
-            cogging += COGGING.format(i=i, gear=wave, torque=np.hypot(sine, cosine) / wave,
-                                      phase=np.arctan2(cosine, sine))
-        xml = XML.format(step=self.step, integrator=INTEGRATOR, joint="stage", mass=self.stage.mass * value["mass"],
-                         cogging=cogging, **friction_of)
+            cogging += COGGING.format(
+                i=i, gear=wave, torque=np.hypot(sine, cosine) / wave, phase=np.arctan2(cosine, sine)
+            )
+        xml = XML.format(
+            step=self.step,
+            integrator=INTEGRATOR,
+            joint="stage",
+            mass=self.stage.mass * value["mass"],
+            cogging=cogging,
+            **friction_of,
+        )
         if "spring" in value:
             # F = -stiffness (x - x0), as stiffness and force at x = 0.
             reference = value["offset"] / value["spring"] if value["spring"] else 0.0
-            xml = xml.replace('type="slide"', f'type="slide" stiffness="{value["spring"]}"'
-                                              f' springref="{reference}"')
+            xml = xml.replace(
+                'type="slide"',
+                f'type="slide" stiffness="{value["spring"]}" springref="{reference}"',
+            )
         return xml
 
     def build(self, params: sysid.ParameterDict, _spec: object = None) -> mujoco.MjModel:
@@ -106,18 +119,33 @@ class Fitting:
 
     def identified(self, params: sysid.ParameterDict) -> tuple[Stage, dict]:
         value = {name: float(params[name].value[0]) for name in params.keys()}
-        guides = [{key: guide[key] * value[key] for key in GUIDE_KEYS} for guide in self.stage.guides]
+        guides = [
+            {key: guide[key] * value[key] for key in GUIDE_KEYS} for guide in self.stage.guides
+        ]
         for guide in guides:
             guide["static_force"] = max(guide["static_force"], guide["coulomb_force"])
         effects = [e for e in self.stage.effects]
         if "spring" in value:
-            effects.append({"cable_chain": {"stiffness": value["spring"],
-                                            "center": value["offset"] / value["spring"]}})
+            effects.append(
+                {
+                    "cable_chain": {
+                        "stiffness": value["spring"],
+                        "center": value["offset"] / value["spring"],
+                    }
+                }
+            )
         for i, period in enumerate(self.periods):
             # MuJoCo's bias acts along the joint, as an effect does.
             sine, cosine = value[f"sine{i}"], value[f"cosine{i}"]
-            effects.append({"cogging": {"amplitude": float(np.hypot(sine, cosine)), "period": period,
-                                        "phase": float(np.arctan2(cosine, sine))}})
+            effects.append(
+                {
+                    "cogging": {
+                        "amplitude": float(np.hypot(sine, cosine)),
+                        "period": period,
+                        "phase": float(np.arctan2(cosine, sine)),
+                    }
+                }
+            )
         return Stage(self.stage.mass * value["mass"], guides, effects), value
 
 
@@ -130,7 +158,7 @@ def windows(recording: Recording, motion: Motion, stage: Stage, length: float) -
     starts = np.linspace(motion.rows.start, last, 8 * count).astype(int)
     # The bristles' state is known where the carriage has slid for a while.
     before = round(0.02 / recording.dt) or 1
-    moves = [s for s in starts if motion.moving[max(0, s - before):s + 1].all()] or list(starts)
+    moves = [s for s in starts if motion.moving[max(0, s - before) : s + 1].all()] or list(starts)
     return [moves[i] for i in np.linspace(0, len(moves) - 1, count).astype(int)]
 
 
@@ -145,8 +173,9 @@ def step_for(recording: Recording) -> float:
     return recording.dt / int(np.ceil(recording.dt / STEP - 1e-9))
 
 
-def sequences(fitting: Fitting, recording: Recording, motion: Motion, starts: list[int],
-              length: float) -> sysid.ModelSequences:
+def sequences(
+    fitting: Fitting, recording: Recording, motion: Motion, starts: list[int], length: float
+) -> sysid.ModelSequences:
     stage, dt = fitting.stage, recording.dt
     every = round(dt / fitting.step)
     samples = round(length / dt)
@@ -160,12 +189,15 @@ def sequences(fitting: Fitting, recording: Recording, motion: Motion, starts: li
     for start in starts:
         # Inner samples of the motion are one later than those of the recording.
         k = start + 1
-        states.append(sysid.create_initial_state(
-            model, np.array([smooth[k]]), np.array([velocity[k]]), np.array([deflection[start]])))
-        held = np.repeat(recording.force[k:k + samples] + offset, every)
+        states.append(
+            sysid.create_initial_state(
+                model, np.array([smooth[k]]), np.array([velocity[k]]), np.array([deflection[start]])
+            )
+        )
+        held = np.repeat(recording.force[k : k + samples] + offset, every)
         times = fitting.step * np.arange(len(held))
         controls.append(sysid.TimeSeries(times, held.reshape(-1, 1)))
-        rows = recording.position[k:k + samples].reshape(-1, 1)
+        rows = recording.position[k : k + samples].reshape(-1, 1)
         measured.append(sysid.TimeSeries.from_names(dt * np.arange(samples), rows, model))
     names = [f"window_{i}" for i in range(len(starts))]
     return sysid.ModelSequences("stage", spec, names, states, controls, measured)
@@ -188,27 +220,43 @@ def in_micrometres(_params, sensors, measured, _model, _all, state, **_rest):
 
 def position_error(fitting: Fitting, group: sysid.ModelSequences) -> list[float]:
     """Rms of the position error of each window, µm."""
-    function = sysid.build_residual_fn(models_sequences=[group], build_model=fitting.build,
-                                       modify_residual=in_micrometres)
+    function = sysid.build_residual_fn(
+        models_sequences=[group], build_model=fitting.build, modify_residual=in_micrometres
+    )
     found, _, _ = function(fitting.params.as_vector(), fitting.params)
     return [rms(window) for window in found]
 
 
-def fit_windows(recording: Recording, train: Motion, holdout: Motion, case: Case, grey: Fit,
-                stage: Stage, hand: bool) -> dict:
+def fit_windows(
+    recording: Recording,
+    train: Motion,
+    holdout: Motion,
+    case: Case,
+    grey: Fit,
+    stage: Stage,
+    hand: bool,
+) -> dict:
     clock = Clock()
     length = max(WINDOW, FEWEST_SAMPLES * recording.dt)
     step = step_for(recording)
     fitting = Fitting(case, stage, hand, step)
     starts = windows(recording, train, stage, length)
     group = sequences(fitting, recording, train, starts, length)
-    function = sysid.build_residual_fn(models_sequences=[group], build_model=fitting.build,
-                                       modify_residual=in_micrometres)
+    function = sysid.build_residual_fn(
+        models_sequences=[group], build_model=fitting.build, modify_residual=in_micrometres
+    )
     clock.lap("load")
     before = position_error(fitting, group)
-    done, result = sysid.optimize(initial_params=fitting.params, residual_fn=function,
-                                  optimizer="scipy", loss="soft_l1", x_scale="jac", verbose=False,
-                                  diff_step=1e-4, max_iters=ITERATIONS)
+    done, result = sysid.optimize(
+        initial_params=fitting.params,
+        residual_fn=function,
+        optimizer="scipy",
+        loss="soft_l1",
+        x_scale="jac",
+        verbose=False,
+        diff_step=1e-4,
+        max_iters=ITERATIONS,
+    )
     fitting.params = done
     clock.lap("fit")
     after = position_error(fitting, group)
@@ -219,14 +267,20 @@ def fit_windows(recording: Recording, train: Motion, holdout: Motion, case: Case
     low, high = done.get_bounds()
     names, vector = list(done.keys()), done.as_vector()
     near = 1e-3 * (high - low)
-    at_bound = [name for name, value, l, h, n in zip(names, vector, low, high, near)
-                if value - l < n or h - value < n]
+    at_bound = [
+        name
+        for name, value, l, h, n in zip(names, vector, low, high, near)
+        if value - l < n or h - value < n
+    ]
     # The instants of encoder and command are not among its parameters: they come from the grey box.
     return {
         "holdout": force_error(holdout, residual(holdout, model, grey.shift)).as_dict(),
-        "window_position_rms_um": {"declared": rms(np.array(before)), "fitted": rms(np.array(after)),
-                                   "half_the_step": rms(np.array(half)),
-                                   "median_fitted": float(np.median(after))},
+        "window_position_rms_um": {
+            "declared": rms(np.array(before)),
+            "fitted": rms(np.array(after)),
+            "half_the_step": rms(np.array(half)),
+            "median_fitted": float(np.median(after)),
+        },
         "factors": factors,
         "at_bound": at_bound,
         "evaluations": int(result.nfev),
@@ -235,10 +289,13 @@ def fit_windows(recording: Recording, train: Motion, holdout: Motion, case: Case
     }
 
 
-def compare(recording: Recording, train: Motion, holdout: Motion, case: Case, grey: Fit,
-            stage: Stage) -> dict:
-    answer = {"tool": f"MuJoCo {mujoco.__version__} sysid",
-              "declared": fit_windows(recording, train, holdout, case, grey, stage, hand=False)}
+def compare(
+    recording: Recording, train: Motion, holdout: Motion, case: Case, grey: Fit, stage: Stage
+) -> dict:
+    answer = {
+        "tool": f"MuJoCo {mujoco.__version__} sysid",
+        "declared": fit_windows(recording, train, holdout, case, grey, stage, hand=False),
+    }
     if case.offered_periods or case.offered_spring:
         answer["offered"] = fit_windows(recording, train, holdout, case, grey, stage, hand=True)
     return answer

@@ -45,6 +45,7 @@ def library(scale: float, speed: float, periods: np.ndarray) -> list[Term]:
 
     `scale`: the stroke, m; `speed`: scale of the smooth sign, m/s.
     """
+
     def sign(m: Motion) -> np.ndarray:
         return np.tanh(m.velocity / speed)
 
@@ -78,8 +79,9 @@ def columns(motion: Motion, terms: list[Term]) -> np.ndarray:
 
 def sparse(features: np.ndarray, target: np.ndarray, dt: float, threshold: float) -> np.ndarray:
     """Coefficients of PySINDy for target = features @ coefficients."""
-    model = ps.SINDy(optimizer=ps.STLSQ(threshold=threshold, alpha=1e-6),
-                     feature_library=ps.IdentityLibrary())
+    model = ps.SINDy(
+        optimizer=ps.STLSQ(threshold=threshold, alpha=1e-6), feature_library=ps.IdentityLibrary()
+    )
     with warnings.catch_warnings():
         # It warns where a threshold leaves no term, which is an answer here.
         warnings.simplefilter("ignore")
@@ -103,8 +105,9 @@ def select(features: np.ndarray, target: np.ndarray, dt: float) -> tuple[np.ndar
     return sparse(features, target, dt, best), best
 
 
-def on_residual(train: Motion, holdout: Motion, case: Case, grey: Fit, periods: np.ndarray,
-                stage: Stage) -> dict:
+def on_residual(
+    train: Motion, holdout: Motion, case: Case, grey: Fit, periods: np.ndarray, stage: Stage
+) -> dict:
     clock = Clock()
     terms = library(np.ptp(train.position), sign_scale(train), periods)
     thin = max(1, int(1 / (2.5 * case.cutoff * train.dt)))
@@ -163,15 +166,24 @@ def on_states(train: Motion, holdout: Motion, case: Case) -> dict:
     inertia = 1 / coefficients[-1] if coefficients[-1] else float("nan")
     missed = inertia * (held @ coefficients - holdout.acceleration_in_band)
     kept = [terms[i][0] for i in np.flatnonzero(found[:-1])]
-    return {"threshold": threshold, "offered": len(terms) + 1, "terms": kept, "mass": inertia,
-            "holdout": force_error(holdout, missed).as_dict(), "cpu": clock.parts}
+    return {
+        "threshold": threshold,
+        "offered": len(terms) + 1,
+        "terms": kept,
+        "mass": inertia,
+        "holdout": force_error(holdout, missed).as_dict(),
+        "cpu": clock.parts,
+    }
 
 
 def compare(train: Motion, holdout: Motion, case: Case, grey: Fit, stage: Stage) -> dict:
-    answer = {"tool": f"PySINDy {ps.__version__}",
-              "found": on_residual(train, holdout, case, grey, grid(np.ptp(train.position)), stage)}
+    answer = {
+        "tool": f"PySINDy {ps.__version__}",
+        "found": on_residual(train, holdout, case, grey, grid(np.ptp(train.position)), stage),
+    }
     if case.offered_periods:
-        answer["offered"] = on_residual(train, holdout, case, grey,
-                                        np.array(case.offered_periods), stage)
+        answer["offered"] = on_residual(
+            train, holdout, case, grey, np.array(case.offered_periods), stage
+        )
     answer["raw_states"] = on_states(train, holdout, case)
     return answer

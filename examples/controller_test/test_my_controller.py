@@ -1,4 +1,5 @@
-"""A test of a position controller, on a stage that friction holds: pytest -p friction_stage_testing"""
+"""A test of a position controller, on a stage that friction holds:
+pytest -p friction_stage_testing"""
 
 
 class MyController:

@@ -1,10 +1,12 @@
-"""Fits a model by free simulation: its position under the recorded forces against the recorded position.
+"""Fits a model by free simulation: its position under the recorded forces against the recorded
+position.
 
 usage: fit.py RECORDING MAPPING MODEL OUT.yaml [--check RECORDING] [--program friction-stage]
 
-Fitted are Coulomb and viscous friction of the guides and a constant force, which the model file must have; the rest
-of the model is kept. An open-loop position drifts with the integral of every error of the force, so it tells the slow
-part of the friction; the mass is what a comparison of forces tells, as `identify` does. Needs numpy, scipy and PyYAML.
+Fitted are Coulomb and viscous friction of the guides and a constant force, which the model file
+must have; the rest of the model is kept. An open-loop position drifts with the integral of every
+error of the force, so it tells the slow part of the friction; the mass is what a comparison of
+forces tells, as `identify` does. Needs numpy, scipy and PyYAML.
 """
 
 import argparse
@@ -40,9 +42,18 @@ def parameters(model: dict) -> np.ndarray:
     """Coulomb friction, viscous friction, constant force; refuses a model without them."""
     guides = model.get("guides") or []
     needed = ("coulomb_force", "static_force", "viscous_friction")
-    if not guides or not all(isinstance(guide, dict) and guide.keys() >= set(needed) for guide in guides):
-        raise SystemExit(f"each guide of the model must be given by its parameters, {', '.join(needed)} among them")
-    values = [guides[0]["coulomb_force"], guides[0]["viscous_friction"], constant(model)["amplitude"]]
+    if not guides or not all(
+        isinstance(guide, dict) and guide.keys() >= set(needed) for guide in guides
+    ):
+        raise SystemExit(
+            f"each guide of the model must be given by its parameters, {', '.join(needed)} "
+            "among them"
+        )
+    values = [
+        guides[0]["coulomb_force"],
+        guides[0]["viscous_friction"],
+        constant(model)["amplitude"],
+    ]
     if 0.0 in values:
         raise SystemExit("what is fitted starts at the value of the model, which must not be 0")
     return np.array(values)
@@ -56,7 +67,8 @@ def constant(model: dict) -> dict:
 
 
 def with_parameters(model: dict, values: np.ndarray) -> dict:
-    """The model with these values, as a copy; static friction keeps its ratio to the Coulomb friction."""
+    """The model with these values, as a copy; static friction keeps its ratio to the Coulomb
+    friction."""
     model = yaml.safe_load(yaml.safe_dump(model))
     coulomb, viscous, force = map(float, values)
     for guide in model["guides"]:
@@ -86,7 +98,9 @@ def rms(errors: np.ndarray) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     for name in ("recording", "mapping", "model", "out"):
         parser.add_argument(name)
     parser.add_argument("--check", help="a recording that the fit does not see")
@@ -111,7 +125,9 @@ def main() -> None:
         ftol=1e-5,
     )
     fitted = fit.x * start
-    Path(arguments.out).write_text(yaml.safe_dump(with_parameters(declared, fitted), sort_keys=False))
+    Path(arguments.out).write_text(
+        yaml.safe_dump(with_parameters(declared, fitted), sort_keys=False)
+    )
     print(f"{'':24}{'declared':>12}{'fitted':>12}")
     names = ("Coulomb friction, N", "viscous friction, N s/m", "constant force, N")
     for name, before, after in zip(names, start, fitted):

@@ -46,7 +46,9 @@ def confirmed(file: Path, mapping: Path, *replace: tuple[str, str]) -> Path:
     text = mapping.read_text()
     for wrong, right in replace:
         if wrong not in text:
-            raise SystemExit(f"{mapping} has no {wrong!r}: the file says it, or says something else")
+            raise SystemExit(
+                f"{mapping} has no {wrong!r}: the file says it, or says something else"
+            )
         text = text.replace(wrong, right)
     # What is said now is no longer to be checked.
     mapping.write_text(text.replace("# CHECK: ", "# was to check: "))
@@ -66,14 +68,22 @@ def screw_drive(data: Path, out: Path) -> None:
     usable = 0
     for file in files:
         name = "_".join(file.relative_to(data).with_suffix("").parts) + ".yaml"
-        mapping = confirmed(file, out / "mappings" / name, ("scale: 1}", f"scale: {RATED_TORQUE}}}"))
+        mapping = confirmed(
+            file, out / "mappings" / name, ("scale: 1}", f"scale: {RATED_TORQUE}}}")
+        )
         check = run("check", file, "--mapping", mapping)
         usable += check["data"]["valid_rows"] == check["data"]["rows"]
-    print(f"screw drive: {len(files)} files, {usable} of them usable from the first row to the last")
-    curve = run("friction-curve", *steady, "--mapping", mapping, "--figure", out / "screw_drive.svg")
+    print(
+        f"screw drive: {len(files)} files, {usable} of them usable from the first row to the last"
+    )
+    curve = run(
+        "friction-curve", *steady, "--mapping", mapping, "--figure", out / "screw_drive.svg"
+    )
     found, fall = curve["curve"], curve["curve"]["stribeck"] or {}
-    print(f"  {len(curve['runs'])} runs at {found['speeds']} speeds; no speed is held in "
-          f"{len(curve['without_held_speed'])} files (stick-slip)")
+    print(
+        f"  {len(curve['runs'])} runs at {found['speeds']} speeds; no speed is held in "
+        f"{len(curve['without_held_speed'])} files (stick-slip)"
+    )
     print(f"  Coulomb friction   {with_interval(found['coulomb_force'], 1e3)} mN m")
     print(f"  break-away         {with_interval(fall.get('static_force'), 1e3)} mN m")
     print(f"  Stribeck velocity  {with_interval(fall.get('velocity'))} rad/s")
@@ -112,12 +122,18 @@ def cranfield(data: Path, out: Path) -> None:
             of_load = [report["bag"] for _, report in group]
             found[name, load] = run("friction-curve", *of_load, "--magnitude")["curve"]
         print(f"{file.name}: {len(reports)} captures, {sum(r['rows'] for r in reports)} rows")
-    print("  current at the held speed, A    health                  want of lubrication     differs")
+    print(
+        "  current at the held speed, A    health                  want of lubrication     differs"
+    )
     for load in sorted({load for _, load in found}, key=float):
-        health, want = (found[name, load]["coulomb_force"] for name in ("normal", "lackLubrication1"))
+        health, want = (
+            found[name, load]["coulomb_force"] for name in ("normal", "lackLubrication1")
+        )
         apart = want["ci95"][0] > health["ci95"][1] or want["ci95"][1] < health["ci95"][0]
-        print(f"  load {load:>4} kgf                   {with_interval(health):22}  "
-              f"{with_interval(want):22}  {'yes' if apart else 'not by these data'}")
+        print(
+            f"  load {load:>4} kgf                   {with_interval(health):22}  "
+            f"{with_interval(want):22}  {'yes' if apart else 'not by these data'}"
+        )
 
 
 def main() -> int:
