@@ -5,8 +5,8 @@
 
 use std::path::{Path, PathBuf};
 use std::process::exit;
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use anyhow::Context as _;
 use friction_stage_report::words::printable;
@@ -17,8 +17,8 @@ use crate::outcome::{INTERRUPTED, Interrupted};
 
 /// A signal has come.
 static SEEN: AtomicBool = AtomicBool::new(false);
-/// How many parts of the command end in good order.
-static PATIENT: AtomicUsize = AtomicUsize::new(0);
+/// Whether a signal waits for the command.
+static STATE: Mutex<State> = Mutex::new(State { patient: 0, ends: false });
 /// What the command writes into.
 static OUTPUTS: Mutex<Vec<Output>> = Mutex::new(Vec::new());
 
@@ -33,13 +33,28 @@ struct Output {
     existed: bool,
 }
 
+struct State {
+    /// How many parts of the command end in good order.
+    patient: usize,
+    /// The command ends now, whatever it is about to do.
+    ends: bool,
+}
+
+fn state() -> MutexGuard<'static, State> {
+    STATE.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 /// Takes over SIGINT and SIGTERM of this process.
 pub fn listen() -> anyhow::Result<()> {
     let mut signals = Signals::new([SIGINT, SIGTERM]).context("cannot take over signals")?;
     let waits = move || {
         for _ in signals.forever() {
             let again = SEEN.swap(true, Ordering::SeqCst);
-            if again || PATIENT.load(Ordering::SeqCst) == 0 {
+            let mut state = state();
+            state.ends |= again || state.patient == 0;
+            let ends = state.ends;
+            drop(state);
+            if ends {
                 // The line may hold a bar.
                 eprintln!("\nerror: interrupted; {}", printable(&tidy()));
                 exit(INTERRUPTED.into());
@@ -60,16 +75,23 @@ pub fn seen() -> bool {
 pub struct Patience(());
 
 impl Patience {
-    /// The command looks at [`seen`] from now on.
+    /// The command looks at [`seen`] from now on. A command that ends meanwhile comes no further:
+    /// what it would make now would be left.
     pub fn begin() -> Patience {
-        PATIENT.fetch_add(1, Ordering::SeqCst);
+        let mut state = state();
+        while state.ends {
+            drop(state);
+            std::thread::park();
+            state = self::state();
+        }
+        state.patient += 1;
         Patience(())
     }
 }
 
 impl Drop for Patience {
     fn drop(&mut self) {
-        PATIENT.fetch_sub(1, Ordering::SeqCst);
+        state().patient -= 1;
     }
 }
 

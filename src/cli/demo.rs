@@ -13,7 +13,7 @@ use super::progress::Progress;
 use super::{Outcome, WrongArguments};
 use crate::cpu;
 use crate::directory;
-use crate::interrupt;
+use crate::interrupt::{self, Patience};
 use crate::made_by;
 use crate::node::driver::{Driver, LockstepRun};
 use friction_stage_data::bag::{BagReader, LOCKSTEP_EPOCH, topics};
@@ -148,6 +148,7 @@ pub fn run(args: &DemoArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         ))
         .into());
     }
+    let patience = Patience::begin();
     interrupt::writes(&directory);
     std::fs::create_dir_all(&directory)
         .with_context(|| format!("cannot create {}", directory.display()))?;
@@ -162,6 +163,7 @@ pub fn run(args: &DemoArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let mut errors = Vec::new();
     let mut incomplete = Vec::new();
     for (index, guide) in args.guides.iter().enumerate() {
+        interrupt::check()?;
         progress.say(format!("{guide}: starting"));
         let bag = directory.join(guide);
         let run = LockstepRun {
@@ -205,7 +207,7 @@ pub fn run(args: &DemoArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         });
         errors.push((name, measured));
     }
-    drop(progress);
+    drop((progress, patience));
     let overview = directory.join("all_guides.svg");
     write_figure(&overview, "40 kg stage on four guides", &motion, &errors)?;
     let page = directory.join("report.html");

@@ -11,7 +11,7 @@ use super::progress::Progress;
 use super::{Outcome, WrongArguments};
 use crate::cpu;
 use crate::directory::{SetAside, set_aside};
-use crate::interrupt;
+use crate::interrupt::{self, Patience};
 use crate::made_by;
 use crate::node::controller_settings;
 use crate::node::driver::{Driver, LockstepRun};
@@ -257,6 +257,7 @@ pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let figure = next_to(&args.record, ".svg");
     let samples_file = args.samples.clone().unwrap_or_else(|| next_to(&args.record, ".csv"));
     TableFormat::of(&samples_file).map_err(|error| WrongArguments(error.to_string()))?;
+    let patience = Patience::begin();
     let earlier = [&args.record, &figure, &samples_file]
         .map(|place| set_aside(place, args.force, "--record"))
         .into_iter()
@@ -291,6 +292,7 @@ pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         points,
         log_stem: args.record.clone(),
     };
+    interrupt::check()?;
     let moves = moves_along(&run.points);
     let count = run.points.len();
     let done =
@@ -298,6 +300,7 @@ pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
             progress.say(format!("{:.1}/{seconds:.1} s", time.min(seconds)));
             progress.reach((1000.0 * time.min(seconds)) as u64);
         })?;
+    drop(patience);
     progress.say("reading the bag");
     let samples = played_samples(&args.record)?;
     let followed: Vec<FollowedSample> = samples
