@@ -134,6 +134,9 @@ fn a_running_stage_is_watched_moved_and_recorded_from_the_page() {
     );
     browser.wait_until(&format!("{}.includes('must be')", text("said")));
     assert_eq!(browser.text(&text("bandwidth-value")), "57 Hz");
+    // Another page has it, too.
+    let mut another = stage.open().expect("a browser");
+    another.wait_until(&format!("{} === '57 Hz'", text("bandwidth-value")));
     // It holds its position with the new gains.
     browser.click("document.getElementById('forth')");
     browser.wait_until(&format!("Math.abs({position} - {before} - 0.01) < 0.0015"));

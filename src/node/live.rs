@@ -133,7 +133,7 @@ enum Told {
 struct Served {
     /// Of the stage's own loop, Hz.
     bandwidth: Mutex<Option<f64>>,
-    page: String,
+    model: StageModel,
     /// Names under which a browser on this machine knows the server.
     hosts: [String; 2],
     frames: broadcast::Sender<Arc<str>>,
@@ -177,7 +177,7 @@ async fn serve(
     let port = setup.port;
     let served = Arc::new(Served {
         bandwidth: Mutex::new(setup.bandwidth),
-        page: live_page(&LiveStage { model: &setup.model, bandwidth: setup.bandwidth }),
+        model: setup.model,
         hosts: [format!("127.0.0.1:{port}"), format!("localhost:{port}")],
         frames: frames.clone(),
         pages: AtomicUsize::new(0),
@@ -290,7 +290,10 @@ impl Served {
 }
 
 async fn page(State(served): State<Arc<Served>>, headers: HeaderMap) -> Response {
-    served.refusal(&headers).unwrap_or_else(|| Html(served.page.clone()).into_response())
+    served.refusal(&headers).unwrap_or_else(|| {
+        let bandwidth = *lock(&served.bandwidth);
+        Html(live_page(&LiveStage { model: &served.model, bandwidth })).into_response()
+    })
 }
 
 async fn data(

@@ -221,7 +221,9 @@
       const pad = 0.02 * (ends[1] - ends[0]);
       this.whole = [from(ends[0] - pad), from(ends[1] + pad)];
       this.shown = [...this.whole];
-      this.unit = (chart.x.label.split(", ")[1] || "").trim();
+      const unit = (label) => (label.split(", ")[1] || "").trim();
+      this.unit = unit(chart.x.label);
+      this.unitOfCurves = unit(chart.y.label);
 
       figure.setAttribute("role", "group");
       const box = document.createElement("div");
@@ -352,7 +354,7 @@
       const marks = (name, scale) => (scale.names.length > 0 ? named : scale.log || scale.even ? logAxis(name) : numbers);
       const options = {
         width: Math.max(this.stage.clientWidth, 120), height: 340,
-        legend: { show: false }, padding: [10, 14, 0, 0],
+        legend: { show: false }, padding: [10, 20, 0, 0],
         scales: {
           x: { time: false, ...log(chart.x), range: () => this.shown },
           y: { ...log(chart.y), range: (u, low, high) => this.height(low, high) },
@@ -496,6 +498,8 @@
         context.fillText(text, x, y);
       };
       context.save();
+      // A curve before may have been dashed.
+      context.setLineDash([]);
       context.font = `${12 * size}px system-ui, sans-serif`;
       context.fillStyle = ink("--soft");
       context.textBaseline = "top";
@@ -559,7 +563,9 @@
         if (x != null && curve.x.length > 0) {
           const value = curve.y[nearest(curve.x, x)];
           const inside = x >= curve.x[0] && x <= curve.x[curve.x.length - 1];
-          if (inside && Number.isFinite(value)) text = short(value, high);
+          if (inside && Number.isFinite(value)) {
+            text = `${short(value, high)} ${this.unitOfCurves}`.trim();
+          }
         }
         curve.out.textContent = text;
         if (curve.on && text !== "") words.push(`${curve.name} ${text}`);

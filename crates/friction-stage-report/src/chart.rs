@@ -211,9 +211,9 @@ const X_NUMBER: u32 = 50;
 /// Height of a word, and what a character of it takes, px.
 const WORD: (i32, i32) = (14, 8);
 /// A line lies on another where most of its length, seen at so many columns, is no farther from it
-/// than this part of the height: two widths of a line.
+/// than this part of the height: the width of a line.
 const COMPARED: usize = 100;
-const NEAR: f64 = 0.012;
+const NEAR: f64 = 0.006;
 /// Part of a band's colour.
 const BAND_OPACITY: f64 = 0.16;
 
