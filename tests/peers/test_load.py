@@ -12,6 +12,8 @@ import pytest
 from conftest import BINARIES
 from diagnostics import ERROR, Diagnostics, number
 from ros import nanoseconds, trajectory
+from std_srvs.srv import SetBool
+from test_crashes import MOTION, friction_stage
 
 BUSY = 8
 WITHIN = 1e-3
@@ -78,6 +80,14 @@ def test_a_demo_on_a_busy_machine_records_every_sample_of_every_topic(busy, tmp_
 
 
 @pytest.mark.timeout(900)
+def test_a_motion_that_is_played_on_a_busy_machine_is_recorded_whole(busy, tmp_path):
+    command = [BINARIES / "friction-stage", "play", MOTION, "--record", tmp_path / "bag", "--json"]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=900)
+    assert run.returncode == 0, run.stderr
+    assert_whole(tmp_path / "bag")
+
+
+@pytest.mark.timeout(900)
 def test_two_demos_side_by_side_end_as_one_does(tmp_path):
     def demo(name: str) -> subprocess.Popen:
         command = [BINARIES / "friction-stage", "demo", *DEMO, "--out", tmp_path / name, "--json"]
@@ -130,6 +140,54 @@ def test_the_default_pair_on_a_busy_machine_holds_or_stops(ros, start, busy, tmp
         assert max(late) - min(late) < WITHIN, status
     else:
         assert max(abs(x - 0.02) for x in late) < WITHIN, status
+
+
+def holes(stamps: list[int], begin: int, end: int, period: int) -> int:
+    """How many samples from `begin` to `end`, ns, are missing."""
+    return len(set(range(begin, end + 1, period)) - set(stamps))
+
+
+# With and without a right to real-time priority.
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("priority", [0, 10])
+def test_a_recording_by_service_on_a_busy_machine_has_every_sample_or_says_how_many_are_missing(
+    ros, start, busy, tmp_path, priority
+):
+    rate = 1000.0
+    stage = start("stage_node", control_rate=rate, priority=priority, record_into=tmp_path)
+    # Whether the loop holds on a busy machine is not what is looked at here.
+    start("controller_node", rate=rate, priority=priority, supervision__enabled=False)
+    diagnostics = Diagnostics(ros)
+    diagnostics.until(lambda s: number(s, "sample") > 1000, "1000 samples", 120.0)
+    said, bags_ = 0, []
+    # Some are begun while states are on their way.
+    for _ in range(3):
+        before = number(diagnostics.until(lambda s: True, "a status", 120.0), "recording_dropped_samples")
+        started = ros.call(SetBool, "/stage/record", data=True)
+        assert started.success, started.message
+        at = number(diagnostics.until(lambda s: True, "a status", 120.0), "sample")
+        diagnostics.until(lambda s, at=at: number(s, "sample") > at + 3000, "3000 samples more", 120.0)
+        ended = ros.call(SetBool, "/stage/record", data=False)
+        assert ended.success, ended.message
+        (bag,) = {path.parent for path in tmp_path.glob("*/metadata.yaml")} - set(bags_)
+        bags_.append(bag)
+        counted = number(diagnostics.until(lambda s: True, "a status", 120.0), "recording_dropped_samples") - before
+        said += counted
+        words = f"; {counted} samples are missing"
+        assert (words in ended.message) if counted else ("missing" not in ended.message), (counted, ended.message)
+        messages = bags.with_mcap_ros2_support(bag)
+        encoder, states = stamps(messages["/stage/encoder"]), stamps(messages["/controller/state"])
+        assert stamps(messages["/stage/force_cell"]) == stamps(messages["/stage/state"]) == encoder
+        period = round(1e9 / rate)
+        # Forces are commands, of which the last one counts: those of the samples that the controller told of.
+        forces = set(stamps(messages["/stage/force"]))
+        answered = [stamp for stamp in states if encoder[0] <= stamp <= encoder[-1] and min(forces) <= stamp <= max(forces)]
+        missing = holes(encoder, encoder[0], encoder[-1], period) + holes(states, states[0], states[-1], period)
+        assert missing <= counted, f"{missing} are missing, {counted} were counted"
+        assert not set(answered) - forces, f"{len(set(answered) - forces)} forces are missing"
+        assert friction_stage("check", bag, code=3 if counted else 0)["complete"]
+    stage.stop(expected=3 if said else 0)
+    assert ("WARN the recordings lack" in stage.log().replace("  ", " ")) == bool(said), stage.excerpt()
 
 
 def test_a_setpoint_of_finite_numbers_cannot_poison_the_controller(ros, stage, controller):
