@@ -14,7 +14,7 @@ from conftest import BINARIES
 from diagnostics import Diagnostics, number
 from friction_stage_testing import PATIENCE, Process
 from rcl_interfaces.srv import GetParameters
-from test_crashes import MOTION, assert_no_holes, assert_python_reads, friction_stage, state_of
+from test_crashes import MOTION, assert_no_holes, assert_python_reads, friction_stage, running, state_of
 
 HERE = Path(__file__).parent
 # Before the handlers of a program are there, its signals are the system's: it ends, as any program while it is loaded.
@@ -101,17 +101,6 @@ def test_a_command_and_its_nodes_end_in_order(domain, processes, tmp_path, comma
         assert "nothing was written" not in log or list(home.iterdir()) == [home / "log"], log
         for file in home.rglob("*.mcap"):
             assert friction_stage("check", file.parent, code=0)["complete"], log
-
-
-def running(directory: Path) -> list[str]:
-    """Command lines of processes that name something in the directory."""
-    lines = []
-    for path in Path("/proc").glob("[0-9]*/cmdline"):
-        try:
-            lines.append(path.read_bytes().replace(b"\0", b" ").decode(errors="replace"))
-        except (FileNotFoundError, ProcessLookupError):
-            continue
-    return [line for line in lines if str(directory) in line]
 
 
 def traces() -> bool:
