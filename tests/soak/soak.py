@@ -188,6 +188,8 @@ def main() -> int:
     parser.add_argument("--rate", type=float, default=1000.0, help="samples per second")
     parser.add_argument("--busy", type=int, default=os.cpu_count() or 1, help="busy loops")
     parser.add_argument("--out", help="directory of logs and bag")
+    # Its nodes end with it.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
     faults = run(parser.parse_args())
     for fault in faults:
         print(f"FAULT: {fault}")
