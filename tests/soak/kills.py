@@ -28,6 +28,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -113,7 +114,9 @@ class Clock:
 
     def lost(self, last: int, killed: float) -> float:
         """From the last of these that was heard at or before the stamp to the kill, s."""
-        return killed - max(at for stamp, at in self.heard.items() if stamp <= last)
+        heard = [at for stamp, at in self.heard.items() if stamp <= last]
+        assert heard, "no sample of the bag was heard"
+        return killed - max(heard)
 
 
 def size(bag: Path) -> int:
@@ -151,9 +154,18 @@ def kill_once(number: int, arguments: argparse.Namespace, home: Path, chaos: ran
         if lockstep:
             start("controller_node", rate=arguments.rate)
         began = time.monotonic()
-        while not bag.exists() or size(bag) < 20_000 or (clock and not clock.heard):
-            assert stage.poll() is None and time.monotonic() < began + 60, log.read_text()
-            pause(0.01)
+
+        def wait_for(is_so: Callable[[], bool]) -> None:
+            while not is_so():
+                assert stage.poll() is None and time.monotonic() < began + 60, log.read_text()
+                pause(0.01)
+
+        wait_for(lambda: bag.exists() and size(bag) > 20_000)
+        if clock:
+            wait_for(lambda: clock.heard)
+            # What was heard first is in the file, too.
+            known = size(bag)
+            wait_for(lambda: size(bag) > known)
         pause(chaos.uniform(0.0, 3.0))
         killed, killed_at = time.time_ns(), time.monotonic()
         stage.send_signal(signal.SIGKILL)
