@@ -1,5 +1,6 @@
 """SIGINT, SIGTERM, SIGSTOP and SIGCONT: from the first moment on, under a flood of messages, and where nobody expects them."""
 
+import os
 import re
 import shutil
 import signal
@@ -108,7 +109,29 @@ def traces() -> bool:
     return bool(strace) and subprocess.run([strace, "-o", "/dev/null", "true"], capture_output=True).returncode == 0
 
 
-@pytest.mark.skipif(not traces(), reason="needs the package strace, and a system that lets processes be traced")
+TRACED = pytest.mark.skipif(not traces(), reason="needs the package strace, and a system that lets processes be traced")
+
+
+@TRACED
+@BEFORE_ITS_NODES
+@names
+def test_a_command_that_is_interrupted_before_its_nodes_are_there_does_nothing_more(domain, processes, tmp_path, how):
+    """What removes its empty directory is slow here."""
+    out = tmp_path / "out"
+    slow = ["strace", "-f", "-o", "/dev/null", "-e", "trace=rmdir", "-e", "inject=rmdir:delay_exit=2s"]
+    demo = [str(BINARIES / "friction-stage"), "demo", "--guides", "guide_2", "--out", str(out)]
+    process = Process([*slow, *demo], tmp_path / "log")
+    processes.append(process)
+    wait_for(out.is_dir, "its directory", process)
+    (pid,) = Path(f"/proc/{process.popen.pid}/task/{process.popen.pid}/children").read_text().split()
+    os.kill(int(pid), how)
+    code = process.wait()
+    process.stopped = True
+    assert code == 130 and "error: interrupted; " in process.log(), f"{code}: {process.excerpt()}"
+    assert not running(out) and not out.exists(), process.excerpt()
+
+
+@TRACED
 @pytest.mark.parametrize("command", [["stage_node", "--help"], ["controller_node", "--help"], ["friction-stage", "guides"]])
 def test_a_program_takes_over_its_signals_before_anything_else(tmp_path, command):
     calls = tmp_path / "calls"
