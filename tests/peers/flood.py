@@ -50,7 +50,7 @@ def publish(node: rclpy.node.Node, topic: str) -> None:
 
 def call(node: rclpy.node.Node) -> None:
     def calls(name: str):
-        set_limit = SetParameters.Request(
+        as_it_is = SetParameters.Request(
             parameters=[
                 Parameter(
                     name="use_sim_time",
@@ -60,7 +60,7 @@ def call(node: rclpy.node.Node) -> None:
         )
         return (
             (node.create_client(GetParameters, f"{name}/get_parameters"), GetParameters.Request(names=["cpu"])),
-            (node.create_client(SetParameters, f"{name}/set_parameters"), set_limit),
+            (node.create_client(SetParameters, f"{name}/set_parameters"), as_it_is),
             (node.create_client(SetBool, f"{name}/enable"), SetBool.Request(data=True)),
         )
 

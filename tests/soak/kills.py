@@ -48,7 +48,6 @@ while os.getppid() == parent:
         pass
 """
 
-
 # Loaded here: between fork and exec it may not be.
 LIBC = ctypes.CDLL(None)
 PR_SET_PDEATHSIG = 1
