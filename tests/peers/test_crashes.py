@@ -312,6 +312,17 @@ def alive(pid: str) -> bool:
         return False
 
 
+def running(directory: Path) -> list[str]:
+    """Command lines of processes that name something in the directory."""
+    lines = []
+    for path in Path("/proc").glob("[0-9]*/cmdline"):
+        try:
+            lines.append(path.read_bytes().replace(b"\0", b" ").decode(errors="replace"))
+        except (FileNotFoundError, ProcessLookupError):
+            continue
+    return [line for line in lines if str(directory) in line]
+
+
 # --- peers that freeze or die
 
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -12,6 +13,8 @@ import pytest
 from conftest import BINARIES
 from diagnostics import ERROR, Diagnostics, number
 from ros import nanoseconds, trajectory
+from std_srvs.srv import SetBool
+from test_crashes import MOTION, friction_stage
 
 BUSY = 8
 WITHIN = 1e-3
@@ -78,6 +81,14 @@ def test_a_demo_on_a_busy_machine_records_every_sample_of_every_topic(busy, tmp_
 
 
 @pytest.mark.timeout(900)
+def test_a_motion_that_is_played_on_a_busy_machine_is_recorded_whole(busy, tmp_path):
+    command = [BINARIES / "friction-stage", "play", MOTION, "--record", tmp_path / "bag", "--json"]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=900)
+    assert run.returncode == 0, run.stderr
+    assert_whole(tmp_path / "bag")
+
+
+@pytest.mark.timeout(900)
 def test_two_demos_side_by_side_end_as_one_does(tmp_path):
     def demo(name: str) -> subprocess.Popen:
         command = [BINARIES / "friction-stage", "demo", *DEMO, "--out", tmp_path / name, "--json"]
@@ -130,6 +141,56 @@ def test_the_default_pair_on_a_busy_machine_holds_or_stops(ros, start, busy, tmp
         assert max(late) - min(late) < WITHIN, status
     else:
         assert max(abs(x - 0.02) for x in late) < WITHIN, status
+
+
+def missing(stamps: list[int], period: int) -> int:
+    """How many samples between the first and the last are not there."""
+    return len(set(range(stamps[0], stamps[-1] + 1, period)) - set(stamps))
+
+
+# With and without a right to a real-time priority.
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("priority", [0, 10])
+def test_a_recording_by_service_on_a_busy_machine_has_every_sample_or_says_how_many_are_missing(
+    ros, start, busy, tmp_path, priority
+):
+    period = 1_000_000
+    stage = start("stage_node", control_rate=1e9 / period, priority=priority, record_into=tmp_path)
+    # Whether the loop holds on a busy machine is not what is looked at here.
+    start("controller_node", rate=1e9 / period, priority=priority, supervision__enabled=False)
+    diagnostics = Diagnostics(ros)
+    diagnostics.until(lambda s: number(s, "sample") > 1000, "1000 samples", 120.0)
+    recorded: set[Path] = set()
+    of_all = 0
+    # Each of them begins and ends while states and forces are on their way.
+    for _ in range(3):
+        before = number(diagnostics.newest(), "recording_dropped_samples")
+        begun = ros.call(SetBool, "/stage/record", data=True)
+        assert begun.success, begun.message
+        at = number(diagnostics.newest(), "sample")
+        diagnostics.until(lambda s, at=at: number(s, "sample") > at + 3000, "3000 samples", 120.0)
+        ended = ros.call(SetBool, "/stage/record", data=False)
+        assert ended.success, ended.message
+        (bag,) = {path.parent for path in tmp_path.glob("*/metadata.yaml")} - recorded
+        recorded.add(bag)
+
+        counted = number(diagnostics.newest(), "recording_dropped_samples") - before
+        of_all += counted
+        said = re.search(r"(\d+) samples are missing", ended.message)
+        assert (int(said[1]) if said else 0) == counted, ended.message
+        messages = bags.with_mcap_ros2_support(bag)
+        encoder, states = stamps(messages["/stage/encoder"]), stamps(messages["/controller/state"])
+        assert len(encoder) + counted > 3000
+        assert stamps(messages["/stage/force_cell"]) == stamps(messages["/stage/state"]) == encoder
+        lacks = missing(encoder, period) + missing(states, period)
+        assert lacks <= counted, f"{lacks} are missing, {counted} were counted"
+        # The controller tells of each sample that it answers.
+        forces = stamps(messages["/stage/force"])
+        told = {stamp for stamp in states if min(forces) <= stamp <= max(forces)}
+        assert not told - set(forces), f"{len(told - set(forces))} forces are missing"
+        assert friction_stage("check", bag, code=0)["complete"]
+    stage.stop(expected=3 if of_all else 0)
+    assert ("the recordings lack" in stage.log()) == bool(of_all), stage.excerpt()
 
 
 def test_a_setpoint_of_finite_numbers_cannot_poison_the_controller(ros, stage, controller):

@@ -1,6 +1,7 @@
 """Strangers on the network: hostile datagrams cost the stage nothing, other machines do not reach it, and what it
 does not support it says."""
 
+import functools
 import json
 import os
 import random
@@ -15,6 +16,7 @@ from conftest import BINARIES
 from ros import nanoseconds
 from rtps import ANY_READER, PUBLICATIONS, WRITER, Stranger
 from std_srvs.srv import SetBool
+from test_crashes import running
 
 HERE = Path(__file__).parent
 REALTIME = {"mode": "realtime", "control_rate": 1000.0, "physics_rate": 10000.0}
@@ -121,14 +123,21 @@ def test_a_stage_that_is_filled_up_closes_its_bag_and_ends(ros, start, tmp_path)
     assert report["complete"] and not report["damage"]
 
 
+# Nothing that the command starts outlives it, or `unshare`, however they end: its processes are a namespace of their own.
+WITH_ITS_PROCESSES = ["--pid", "--fork", "--kill-child", "--mount-proc"]
+
+
+@functools.cache
 def into_a_network() -> list[str]:
     """What runs a command in a network namespace of its own, as root of it; empty where nothing does."""
     for way in (["unshare", "--net"], ["unshare", "--map-root-user", "--net"]):
-        try:
-            if subprocess.run([*way, "ip", "link", "set", "lo", "up"], capture_output=True).returncode == 0:
-                return way
-        except FileNotFoundError:
-            continue
+        # Some containers let nobody mount /proc.
+        for command in ([*way, *WITH_ITS_PROCESSES], way):
+            try:
+                if subprocess.run([*command, "ip", "link", "set", "lo", "up"], capture_output=True).returncode == 0:
+                    return command
+            except FileNotFoundError:
+                continue
     return []
 
 
@@ -146,6 +155,23 @@ def test_another_machine_does_not_reach_a_stage_of_this_machine(tmp_path):
     assert moved["LOCALHOST"]["here"] > 1e-3, moved
     assert moved["SUBNET"]["other machine"] > 1e-3, moved
     assert moved["LOCALHOST"]["other machine"] == 0.0, moved
+
+
+@pytest.mark.skipif("--pid" not in into_a_network(), reason="needs a network and processes of its own, as root or as a user")
+def test_nothing_on_another_machine_outlives_the_script_that_started_it(ros, tmp_path):
+    mark = f"{tmp_path}/node"
+    inner = f"import subprocess, sys; subprocess.Popen([sys.executable, '-c', 'input()', {mark!r}], stdin=subprocess.PIPE).wait()"
+    script = subprocess.Popen([*into_a_network(), sys.executable, "-c", inner])
+
+    def runs() -> bool:
+        return any(line.rstrip().endswith(f"input() {mark}") for line in running(tmp_path))
+
+    try:
+        ros.until(runs, "the start of the node")
+    finally:
+        script.kill()
+        script.wait()
+    ros.until(lambda: not runs(), "the end of the node")
 
 
 @pytest.mark.parametrize("strategy", ["Enforce", "Permissive"])

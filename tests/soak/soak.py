@@ -34,6 +34,14 @@ JOINED = ["/stage/encoder", "/stage/state", "/stage/force", "/controller/state"]
 # Memory that a process may gain in the second half, kB: buffers of the allocator. What a killed
 # subscriber makes it hold until the end of its lease differs with the speed of the samples.
 GROWTH = 20_000
+# Ends with the process that started it, also where that is killed.
+LOOP = """
+import os
+parent = os.getppid()
+while os.getppid() == parent:
+    for _ in range(1_000_000):
+        pass
+"""
 COLUMNS = (
     "minutes",
     "samples",
@@ -61,8 +69,8 @@ def usage(process: Process) -> tuple[int, int, int]:
     return resident, len(list((proc / "fd").iterdir())), len(list((proc / "task").iterdir()))
 
 
-def row(minutes: float, ros: Ros, stage: Process, controller: Process) -> list[float]:
-    status = Diagnostics(ros).newest()
+def row(minutes: float, diagnostics: Diagnostics, stage: Process, controller: Process) -> list[float]:
+    status = diagnostics.newest()
     get = {pair.key: pair.value for pair in status.values}
     return [
         round(minutes, 1),
@@ -105,9 +113,7 @@ def run(arguments: argparse.Namespace) -> list[str]:
     rate = f"{arguments.rate}"
     parameters = ["-p", f"control_rate:={rate}", "-p", f"mode:={arguments.mode}"]
     split = ["-p", "record_split_duration:=600.0", "-p", f"record:={bag}"]
-    loops = [
-        subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(arguments.busy)
-    ]
+    loops = [subprocess.Popen([sys.executable, "-c", LOOP]) for _ in range(arguments.busy)]
     faults: list[str] = []
     processes: list[Process] = []
     try:
@@ -122,18 +128,20 @@ def run(arguments: argparse.Namespace) -> list[str]:
             processes += [stage, controller]
             with Ros(domain, processes) as ros:
                 rows: list[list[float]] = []
+                # One for all: each has a subscription.
+                diagnostics = Diagnostics(ros)
                 print("  ".join(f"{name:>13}" for name in COLUMNS), flush=True)
                 began = time.monotonic()
                 number, joined = 0, join(0, ros, processes, out)
                 while (minutes := (time.monotonic() - began) / 60) < arguments.minutes:
-                    rows.append(row(minutes, ros, stage, controller))
+                    rows.append(row(minutes, diagnostics, stage, controller))
                     print("  ".join(f"{cell:>13}" for cell in rows[-1]), flush=True)
                     ros.spin(min(60.0, 6.0 * arguments.minutes))
                     leave(number, joined, processes)
                     number += 1
                     joined = join(number, ros, processes, out)
                 leave(number, joined, processes)
-                rows.append(row(arguments.minutes, ros, stage, controller))
+                rows.append(row(arguments.minutes, diagnostics, stage, controller))
                 print("  ".join(f"{cell:>13}" for cell in rows[-1]), flush=True)
                 for name, column in (("stage", 2), ("controller", 5)):
                     half = rows[: len(rows) // 2 + 1]
@@ -151,7 +159,7 @@ def run(arguments: argparse.Namespace) -> list[str]:
                 encoder = ros.collect("/stage/encoder")
                 ros.until(lambda: len(encoder) > 100, "100 samples at the end")
                 last = nanoseconds(encoder[-1].header.stamp)
-                last_status = int(value(Diagnostics(ros).newest(), "stamp_ns"))
+                last_status = int(value(diagnostics.newest(), "stamp_ns"))
                 print(f"a new peer hears the sample of {last} ns (the stage is at {last_status})")
             for process in reversed(processes):
                 process.stop(expected=(0, 3))
@@ -180,6 +188,8 @@ def main() -> int:
     parser.add_argument("--rate", type=float, default=1000.0, help="samples per second")
     parser.add_argument("--busy", type=int, default=os.cpu_count() or 1, help="busy loops")
     parser.add_argument("--out", help="directory of logs and bag")
+    # Its nodes end with it.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
     faults = run(parser.parse_args())
     for fault in faults:
         print(f"FAULT: {fault}")
