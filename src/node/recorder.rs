@@ -106,10 +106,13 @@ pub struct RecorderStatus {
     /// A bag is open: ticks and messages are wanted.
     pub recording: AtomicBool,
     /// Samples that the recordings lack, since the start of the node: ticks for which there was no
-    /// room, and states of the controller that did not arrive.
-    pub dropped: AtomicU64,
+    /// room, and states of the controller that did not arrive. Counted by the recorder.
+    dropped: AtomicU64,
     /// The same of the open bag, or of the last one.
-    pub dropped_of_bag: AtomicU64,
+    dropped_of_bag: AtomicU64,
+    /// Ticks for which there was no room, that the recorder has not counted yet: it may wait for
+    /// its disk.
+    refused: AtomicU64,
     /// Number of the last tick that was handed over or found no room.
     offered: AtomicU64,
     /// Why the last bag was closed early.
@@ -126,6 +129,21 @@ impl RecorderStatus {
     /// States of a controller have come since the bag was opened.
     pub fn hears_controller(&self) -> bool {
         self.heard.load(Ordering::Relaxed) > i64::MIN
+    }
+
+    /// Samples that the recordings lack, since the start of the node.
+    pub fn lost(&self) -> u64 {
+        self.dropped.load(Ordering::Relaxed) + self.refused.load(Ordering::Relaxed)
+    }
+
+    /// The same of the open bag, or of the last one.
+    pub fn lost_of_bag(&self) -> u64 {
+        self.dropped_of_bag.load(Ordering::Relaxed) + self.refused.load(Ordering::Relaxed)
+    }
+
+    /// Whether samples find no room, and the recorder does not look.
+    pub fn is_full(&self) -> bool {
+        self.refused.load(Ordering::Relaxed) > 0
     }
 
     /// Whether the open bag lacks what was sampled at `stamp` ns.
@@ -185,11 +203,13 @@ pub struct TickFeed {
 }
 
 impl TickFeed {
-    /// Hands over a tick if a bag is open. The recorder counts those that found the ring full.
+    /// Hands over a tick if a bag is open. One that finds the ring full is counted.
     #[inline]
     pub fn offer(&mut self, tick: &Tick) {
         if self.status.recording.load(Ordering::Acquire) {
-            let _ = self.ring.push(*tick);
+            if self.ring.push(*tick).is_err() {
+                self.status.refused.fetch_add(1, Ordering::Relaxed);
+            }
             self.status.offered.store(tick.sample.index, Ordering::Release);
         }
     }
@@ -297,12 +317,37 @@ impl Recorder {
         Ok((Recorder { thread }, handle, TickFeed { ring: producer, status, backlog }))
     }
 
-    /// Waits until the thread has closed its bag; drop every handle and feed before.
+    /// Waits until the thread has closed its bag; drop every handle and feed before. While a disk
+    /// does not answer this takes as long as that: it is said, and another signal ends the process.
     pub fn join(self) {
+        const LONG: Duration = Duration::from_secs(1);
+        let began = Instant::now();
+        let mut is_said = false;
+        while !self.thread.is_finished() {
+            if !is_said && began.elapsed() > LONG {
+                is_said = true;
+                end_at_the_next_signal();
+                tracing::warn!(
+                    "the disk of the recording does not answer: the node ends when it does, or at \
+                     the next signal, with a bag that `friction-stage recover` makes whole"
+                );
+            }
+            std::thread::sleep(NAP);
+        }
         if self.thread.join().is_err() {
             tracing::error!(
                 "the recorder ended by a panic; `friction-stage recover` makes its bag whole"
             );
+        }
+    }
+}
+
+/// Ends the process with exit code 1 at the next SIGINT or SIGTERM.
+fn end_at_the_next_signal() {
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        let now = Arc::new(AtomicBool::new(true));
+        if let Err(error) = signal_hook::flag::register_conditional_shutdown(signal, 1, now) {
+            tracing::error!("cannot take over signals: {error}");
         }
     }
 }
@@ -500,7 +545,8 @@ impl Work {
             }
         }
         if let Some(last) = self.last_tick.take() {
-            self.miss(self.status.offered.load(Ordering::Acquire).saturating_sub(last));
+            self.find_gap(self.status.offered.load(Ordering::Acquire).saturating_sub(last));
+            self.status.refused.store(0, Ordering::Relaxed);
         }
         let Some(bag) = self.bag.take() else { return Ok(None) };
         let written = Written {
@@ -517,7 +563,7 @@ impl Work {
         while let Ok(tick) = self.ring.pop() {
             let index = tick.sample.index;
             if let Some(last) = self.last_tick.replace(index) {
-                self.miss(index.saturating_sub(last + 1));
+                self.find_gap(index.saturating_sub(last + 1));
             }
             self.since.get_or_insert(tick.stamp);
             self.write(|bag, names| bag.write_tick(&tick, names));
@@ -575,6 +621,13 @@ impl Work {
         self.write(|bag, _| bag.write_heard(time, &Heard::ControllerState(state)));
     }
 
+    /// Counts ticks that are missing between two.
+    fn find_gap(&self, count: u64) {
+        self.miss(count);
+        let less = |refused: u64| Some(refused.saturating_sub(count));
+        let _ = self.status.refused.fetch_update(Ordering::Relaxed, Ordering::Relaxed, less);
+    }
+
     /// Counts samples that the bag lacks; a flood is logged at powers of two only.
     fn miss(&self, count: u64) {
         if count == 0 {
@@ -584,7 +637,9 @@ impl Work {
         let before = self.status.dropped_of_bag.fetch_add(count, Ordering::Relaxed);
         let total = before + count;
         if before.checked_ilog2() != total.checked_ilog2() {
-            tracing::warn!("the recording lacks {total} samples so far: the machine is too busy");
+            tracing::warn!(
+                "the recording lacks {total} samples so far: machine or disk is too busy"
+            );
         }
     }
 

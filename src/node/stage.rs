@@ -250,7 +250,7 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
             anyhow::bail!("the recording is not whole: {}", fault.unwrap_or_default())
         }
         End::Signal => {
-            let lost = recorded.dropped.load(Ordering::Relaxed);
+            let lost = recorded.lost();
             if lost > 0 {
                 tracing::warn!("the recordings lack {lost} samples");
             }
@@ -364,7 +364,7 @@ fn diagnose(
     let (participant, topic) = (participant.clone(), startup.topic("~/encoder"));
     Ok(async move {
         let mut interval = tokio::time::interval(DIAGNOSTICS_INTERVAL);
-        let mut is_alone = true;
+        let (mut is_alone, mut is_full) = (true, false);
         loop {
             interval.tick().await;
             let was_alone =
@@ -377,14 +377,19 @@ fn diagnose(
             let mut more = lock(&live.counts).clone();
             let recording = recorder.status();
             more.push(KeyValue::new("recording", recorder.is_recording()));
-            let dropped = recording.dropped.load(Ordering::Relaxed);
-            more.push(KeyValue::new("recording_dropped_samples", dropped));
+            more.push(KeyValue::new("recording_dropped_samples", recording.lost()));
             more.push(KeyValue::new(
                 "recording_hears_controller",
                 recorder.is_recording() && recording.hears_controller(),
             ));
             more.push(KeyValue::new("stamp_ns", status.stamp.load(Ordering::Relaxed)));
-            let missing = recording.dropped_of_bag.load(Ordering::Relaxed);
+            let missing = recording.lost_of_bag();
+            let was_full = std::mem::replace(&mut is_full, recording.is_full());
+            if is_full && !was_full {
+                tracing::warn!(
+                    "the recording lacks {missing} samples so far: its disk does not answer"
+                );
+            }
             let mut warnings = Vec::new();
             if recorder.is_recording() && missing > 0 {
                 warnings.push(format!("the recording lacks {missing} samples"));

@@ -71,16 +71,11 @@ def test_a_node_ends_in_order_from_its_first_moment_on(start, tmp_path, program,
             assert friction_stage("check", bag, code=0)["complete"], process.excerpt()
 
 
-# Interrupted before its nodes are there, a command may go on while what it has made is removed: it then fails with 1, or
-# leaves what it does not name (src/interrupt.rs).
-BEFORE_ITS_NODES = pytest.mark.xfail(strict=False, reason="a command goes on while the end of an interrupted one is made")
-
-
 @names
 @pytest.mark.parametrize("command", ["demo", "play"])
 @pytest.mark.parametrize(
     "begin",
-    [pytest.param(wait_for_handlers, id="its handlers", marks=BEFORE_ITS_NODES), pytest.param(wait_for_nodes, id="its nodes")],
+    [pytest.param(wait_for_handlers, id="its handlers"), pytest.param(wait_for_nodes, id="its nodes")],
 )
 def test_a_command_and_its_nodes_end_in_order(domain, processes, tmp_path, command, how, begin):
     for moment in MOMENTS:
@@ -113,7 +108,6 @@ TRACED = pytest.mark.skipif(not traces(), reason="needs the package strace, and 
 
 
 @TRACED
-@BEFORE_ITS_NODES
 @names
 def test_a_command_that_is_interrupted_before_its_nodes_are_there_does_nothing_more(domain, processes, tmp_path, how):
     """What removes its empty directory is slow here."""

@@ -63,11 +63,13 @@ def test_in_real_time_what_a_stalled_disk_costs_is_counted_and_said(
     disk.touch()
     # The stage goes on, until more samples wait than there is room for.
     samples(diagnostics, begun + RING + 4000)
-    disk.unlink()
+    # It is said while the disk stalls.
     status = diagnostics.until(
         lambda status: number(status, "recording_dropped_samples") > 0, "samples that are missing", 60.0
     )
     assert status.level == WARN and "lack" in status.message, status
+    ros.until(lambda: "its disk does not answer" in process.log(), "a word in the log")
+    disk.unlink()
     samples(diagnostics, number(status, "sample") + 2000)
     status = diagnostics.newest()
     assert value(status, "recording") == "true"
@@ -146,9 +148,22 @@ def test_a_node_that_is_ended_while_its_disk_stalls_ends_with_it_and_its_bag_is_
     process.popen.terminate()
     # It is silent, and keeps what it has.
     ros.until(lambda: time.monotonic() - heard > 2.0, "the end of its diagnostics")
+    ros.until(lambda: "the disk of the recording does not answer" in process.log(), "its words")
     assert process.popen.poll() is None
     disk.unlink()
     process.ended(expected=0)
     messages = assert_python_reads(tmp_path / "bag")
     assert_no_holes(messages["/stage/encoder"], 250_000)
     assert friction_stage("check", tmp_path / "bag", code=0)["complete"]
+
+
+def test_another_signal_ends_a_node_whose_disk_does_not_answer(ros, start, disk, tmp_path):
+    process = stalled(start, ros, disk, tmp_path / "bag")
+    process.popen.terminate()
+    ros.until(lambda: "the disk of the recording does not answer" in process.log(), "its words")
+    process.popen.terminate()
+    process.ended(expected=1)
+    disk.unlink()
+    recovered = friction_stage("recover", tmp_path / "bag", "--out", tmp_path / "whole", code=3)
+    assert recovered["messages"] > 0
+    assert_no_holes(assert_python_reads(tmp_path / "whole")["/stage/encoder"], 250_000)
