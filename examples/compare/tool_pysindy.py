@@ -17,7 +17,7 @@ import pysindy as ps
 
 from data import Case, Clock
 from declared import Fit, Stage, fit, residual
-from metric import Motion, force_error, interval_means, rms
+from metric import Motion, force_error, rms
 
 # Periods of the library, m (or rad): a sixth of an octave apart, from an arbitrary start.
 GRID = 1.37e-3 * 2 ** (np.arange(38) / 6)

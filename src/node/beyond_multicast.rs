@@ -12,8 +12,8 @@ use std::sync::{LazyLock, Mutex, MutexGuard, PoisonError};
 /// Machines that are remembered. Addresses can be forged.
 const MOST: usize = 1024;
 
-/// Parameters of an announcement that are multicast addresses: of an endpoint, of the discovery of a
-/// participant, of its data (DDSI-RTPS 2.5, table 9.14).
+/// Parameters of an announcement that are multicast addresses: of an endpoint, of the discovery of
+/// a participant, of its data (DDSI-RTPS 2.5, table 9.14).
 const MULTICAST_LOCATORS: [u16; 3] = [0x0030, 0x0033, 0x0048];
 const PAD: u16 = 0x0000;
 const SENTINEL: u16 = 0x0001;

@@ -12,7 +12,8 @@ from ros import nanoseconds
 
 
 def with_rosbags(bag: Path) -> dict[str, list]:
-    """All messages by topic, in the order of the bag, decoded with the definitions inside the bag."""
+    """All messages by topic, in the order of the bag, decoded with the definitions inside the
+    bag."""
     messages = defaultdict(list)
     with AnyReader([bag]) as reader:
         for connection, _, data in reader.messages():

@@ -1,6 +1,6 @@
-"""caller.py: an rclpy program with one service client and one action client, both of the controller. It asks again and
-again, prints a line for each answer and each result, and gives up on a question after a while, since what was sent
-while this process was stopped may be lost."""
+"""caller.py: an rclpy program with one service client and one action client, both of the
+controller. It asks again and again, prints a line for each answer and each result, and gives up on
+a question after a while, since what was sent while this process was stopped may be lost."""
 
 import time
 

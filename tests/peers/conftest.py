@@ -1,8 +1,8 @@
-"""Fixtures of the peer tests, on top of those that users have (testing/): a ROS domain of its own per test, the nodes under
-test, and an rclpy node of the test.
+"""Fixtures of the peer tests, on top of those that users have (testing/): a ROS domain of its own
+per test, the nodes under test, and an rclpy node of the test.
 
-Nothing here sleeps for a fixed time: a test waits for a message, a service or the end of a process, and a process
-that ends too early fails the test at once, with its log.
+Nothing here sleeps for a fixed time: a test waits for a message, a service or the end of a process,
+and a process that ends too early fails the test at once, with its log.
 """
 
 import os
@@ -11,9 +11,7 @@ from pathlib import Path
 
 import pytest
 
-os.environ.setdefault(
-    "FRICTION_STAGE_BIN", str(Path(__file__).parents[2] / "target" / "release")
-)
+os.environ.setdefault("FRICTION_STAGE_BIN", str(Path(__file__).parents[2] / "target" / "release"))
 
 pytest.register_assert_rewrite("friction_stage_testing")
 
@@ -40,7 +38,8 @@ def processes(friction_stage_processes: list[Process]) -> list[Process]:
 
 @pytest.fixture
 def start(domain: int, processes: list[Process], tmp_path: Path) -> Callable[..., Process]:
-    """start(program, **parameters): runs a node of the project, with `__` for `.` in the names of parameters."""
+    """start(program, **parameters): runs a node of the project, with `__` for `.` in the names of
+    parameters."""
 
     def start(name: str, *arguments: str, **parameters: object) -> Process:
         command = [str(program(name)), *arguments, *ros_arguments(parameters)]
@@ -72,7 +71,8 @@ def stage(start: Callable[..., Process], ros: Ros) -> Callable[..., Process]:
 
 @pytest.fixture
 def controller(start: Callable[..., Process], ros: Ros) -> Callable[..., Process]:
-    """controller(**parameters): starts controller_node and returns when it has answered a sample."""
+    """controller(**parameters): starts controller_node and returns when it has answered a
+    sample."""
 
     def controller(**parameters: object) -> Process:
         process = start("controller_node", **parameters)

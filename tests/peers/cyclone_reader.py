@@ -1,6 +1,7 @@
 """Reads /stage/encoder with Cyclone DDS, which shares no code with the nodes or with rclpy.
 
-usage: cyclone_reader.py DOMAIN COUNT. Prints stamp (ns), name, position, velocity, effort of COUNT samples as JSON.
+usage: cyclone_reader.py DOMAIN COUNT. Prints stamp (ns), name, position, velocity, effort of COUNT
+samples as JSON.
 """
 
 import json
@@ -11,7 +12,8 @@ from dataclasses import dataclass
 # Loopback has no multicast: look for participants at their unicast ports.
 os.environ["CYCLONEDDS_URI"] = """<CycloneDDS><Domain>
 <General><Interfaces><NetworkInterface address="127.0.0.1"/></Interfaces></General>
-<Discovery><ParticipantIndex>auto</ParticipantIndex><Peers><Peer address="127.0.0.1"/></Peers></Discovery>
+<Discovery><ParticipantIndex>auto</ParticipantIndex>
+<Peers><Peer address="127.0.0.1"/></Peers></Discovery>
 </Domain></CycloneDDS>"""
 
 from cyclonedds.core import Policy, Qos  # noqa: E402

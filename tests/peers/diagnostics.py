@@ -45,7 +45,8 @@ class Diagnostics:
         return self.until(lambda _: True, f"a status of {self.name}")
 
     def refusal(self, counter: str, count: int, *words: str) -> DiagnosticStatus:
-        """Waits until the counter of refusals stands at `count`; the reason must have the words in it."""
+        """Waits until the counter of refusals stands at `count`; the reason must have the words in
+        it."""
         status = self.until(lambda status: number(status, counter) >= count, f"{counter} = {count}")
         assert number(status, counter) == count, status
         assert status.level in (WARN, ERROR)

@@ -1,7 +1,7 @@
 """flood.py KIND: sends without any pause until it is killed, and prints how much it has sent.
 
-KIND is a topic that a node of ours hears, or `services`: then it calls services of both nodes, parameters among them, and
-has always a few calls open.
+KIND is a topic that a node of ours hears, or `services`: then it calls services of both nodes,
+parameters among them, and has always a few calls open.
 """
 
 import sys
@@ -59,7 +59,10 @@ def call(node: rclpy.node.Node) -> None:
             ]
         )
         return (
-            (node.create_client(GetParameters, f"{name}/get_parameters"), GetParameters.Request(names=["cpu"])),
+            (
+                node.create_client(GetParameters, f"{name}/get_parameters"),
+                GetParameters.Request(names=["cpu"]),
+            ),
             (node.create_client(SetParameters, f"{name}/set_parameters"), as_it_is),
             (node.create_client(SetBool, f"{name}/enable"), SetBool.Request(data=True)),
         )

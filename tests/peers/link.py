@@ -1,9 +1,11 @@
 """A network link between two machines that delays and loses packets.
 
-The second machine is a network namespace, each end of the link a TAP device (Linux, `Documentation/networking/tuntap`),
-and a program of its own carries the packets from one to the other: what `tc netem` does, on kernels that lack it.
+The second machine is a network namespace, each end of the link a TAP device (Linux,
+`Documentation/networking/tuntap`), and a program of its own carries the packets from one to the
+other: what `tc netem` does, on kernels that lack it.
 
-To be used in a network namespace of one's own (`unshare --net`, with `--map-root-user` where one is not root).
+To be used in a network namespace of one's own (`unshare --net`, with `--map-root-user` where one is
+not root).
 """
 
 import fcntl
@@ -38,8 +40,8 @@ def tap(name: str) -> int:
 class Link:
     """Joins this namespace, with the address HERE, to a new one with the address THERE.
 
-    `delay` in seconds and `loss` as a share, in each direction. Without `multicast` it carries none, as many clouds,
-    tunnels and wireless networks.
+    `delay` in seconds and `loss` as a share, in each direction. Without `multicast` it carries
+    none, as many clouds, tunnels and wireless networks.
     """
 
     def __init__(self, delay: float, loss: float, multicast: bool = True) -> None:

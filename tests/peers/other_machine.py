@@ -1,7 +1,9 @@
-"""other_machine.py STAGE_NODE DIRECTORY: how far a stage of this network namespace moves when another namespace, or
-this one, commands it by hand-made datagrams. Prints metres as JSON, by discovery range and sender.
+"""other_machine.py STAGE_NODE DIRECTORY: how far a stage of this network namespace moves when
+another namespace, or this one, commands it by hand-made datagrams. Prints metres as JSON, by
+discovery range and sender.
 
-To be run in a network namespace of its own (`unshare --net`, with `--map-root-user` where one is not root).
+To be run in a network namespace of its own (`unshare --net`, with `--map-root-user` where one is
+not root).
 """
 
 import json
@@ -27,7 +29,9 @@ def command_stage(process: str, address: str, own_address: str) -> None:
     for sequence in range(1, 301):
         if sequence % 10 == 1:
             stranger.send(stranger.announcement())
-            stranger.send(stranger.publication("rt/stage/force", "geometry_msgs::msg::dds_::WrenchStamped_"))
+            stranger.send(
+                stranger.publication("rt/stage/force", "geometry_msgs::msg::dds_::WrenchStamped_")
+            )
         stranger.send(stranger.force(sequence, 200.0))
         time.sleep(0.01)
 
@@ -46,12 +50,23 @@ def moved(stage_node: str, log: Path, discovery_range: str, sender: list[str]) -
         with Ros(DOMAIN, []) as ros:
             encoder = ros.collect("/stage/encoder")
             ros.until(lambda: encoder, "a sample")
-            attack = subprocess.Popen([*sender, sys.executable, __file__, "send", str(stage.pid), *sender_addresses(sender)])
+            attack = subprocess.Popen(
+                [
+                    *sender,
+                    sys.executable,
+                    __file__,
+                    "send",
+                    str(stage.pid),
+                    *sender_addresses(sender),
+                ]
+            )
             ros.until(lambda: attack.poll() is not None, "the end of the sender")
             assert attack.returncode == 0
             # In real time stamps are system time: everything until now has been heard.
             end = time.time_ns()
-            ros.until(lambda: nanoseconds(encoder[-1].header.stamp) > end, "the samples until the end")
+            ros.until(
+                lambda: nanoseconds(encoder[-1].header.stamp) > end, "the samples until the end"
+            )
             return max(abs(message.position[0]) for message in encoder)
     finally:
         stage.terminate()
@@ -72,17 +87,35 @@ def main() -> None:
         mine = os.readlink("/proc/self/ns/net")
         while os.readlink(f"/proc/{beside.pid}/ns/net") == mine:
             time.sleep(0.01)
-        run("ip", "link", "add", "here", "type", "veth", "peer", "name", "there", "netns", str(beside.pid))
+        run(
+            "ip",
+            "link",
+            "add",
+            "here",
+            "type",
+            "veth",
+            "peer",
+            "name",
+            "there",
+            "netns",
+            str(beside.pid),
+        )
         run("ip", "addr", "add", f"{HERE}/24", "dev", "here")
         run("ip", "link", "set", "here", "up")
         run(*inside, "ip", "addr", "add", f"{THERE}/24", "dev", "there")
         run(*inside, "ip", "link", "set", "there", "up")
         run(*inside, "ip", "link", "set", "lo", "up")
         result: dict[str, dict[str, float]] = {}
-        for discovery_range, sender in [("LOCALHOST", inside), ("LOCALHOST", []), ("SUBNET", inside)]:
+        for discovery_range, sender in [
+            ("LOCALHOST", inside),
+            ("LOCALHOST", []),
+            ("SUBNET", inside),
+        ]:
             name = "other machine" if sender else "here"
             log = directory / f"{discovery_range}_{len(sender)}.log"
-            result.setdefault(discovery_range, {})[name] = moved(stage_node, log, discovery_range, sender)
+            result.setdefault(discovery_range, {})[name] = moved(
+                stage_node, log, discovery_range, sender
+            )
         print(json.dumps(result))
     finally:
         beside.kill()

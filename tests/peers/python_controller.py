@@ -1,7 +1,8 @@
-"""A position controller for the stage as a ROS 2 user would write it with rclpy: PID, lowpass, feedforward.
+"""A position controller for the stage as a ROS 2 user would write it with rclpy: PID, lowpass,
+feedforward.
 
-It answers every encoder sample with a force that carries the sample's stamp, which is all that lockstep asks for.
-The law is that of the project's own controller, written down a second time.
+It answers every encoder sample with a force that carries the sample's stamp, which is all that
+lockstep asks for. The law is that of the project's own controller, written down a second time.
 """
 
 import math
@@ -27,7 +28,8 @@ class Gains:
 
     @classmethod
     def from_bandwidth(cls, bandwidth: float, mass: float) -> "Gains":
-        """For a free mass: integrator at 1/10, differentiator at 1/3 of the crossover, lowpass at 6 times it."""
+        """For a free mass: integrator at 1/10, differentiator at 1/3 of the crossover, lowpass at 6
+        times it."""
         crossover = 2 * math.pi * bandwidth
         integrator, differentiator, lowpass = crossover / 10, crossover / 3, 6 * crossover
         damping = 1 / math.sqrt(2)
@@ -40,7 +42,8 @@ class Gains:
 
 @dataclass
 class Move:
-    """From rest at `origin` to rest at `target` (m): minimum jerk over `duration` from `start` on (ns)."""
+    """From rest at `origin` to rest at `target` (m): minimum jerk over `duration` from `start` on
+    (ns)."""
 
     start: int
     duration: int
@@ -64,7 +67,8 @@ class Move:
 
 
 class PythonController(Node):
-    """Holds `reference` until `move` is set, and then follows it. Keeps the position (m) of each sample by its stamp."""
+    """Holds `reference` until `move` is set, and then follows it. Keeps the position (m) of each
+    sample by its stamp."""
 
     def __init__(
         self, gains: Gains, mass: float, rate: float, force_limit: float, **options: object
@@ -91,7 +95,8 @@ class PythonController(Node):
     def on_encoder(self, sample: JointState) -> None:
         now = nanoseconds(sample.header.stamp)
         position = sample.position[sample.name.index("stage")]
-        # The stage sends a sample again when its answer does not come: it gets the same answer again.
+        # The stage sends a sample again when its answer does not come: it gets the same answer
+        # again.
         if now not in self.positions:
             self.positions[now] = position
             self.answer = WrenchStamped(header=sample.header)

@@ -1,10 +1,11 @@
 """Opens a recording with two readers that are not ours and decodes every message of every topic.
 
-    python tests/peers/read_bag.py BAG      # prints {"rosbags": {topic: {...}}, "mcap": {topic: {...}}}
+    python tests/peers/read_bag.py BAG      # prints {"rosbags": {topic: {...}}, "mcap": {topic:
+      {...}}}
 
-Per topic: type, count, and the first and last log time in ns. `rosbags` reads the directory with its metadata.yaml,
-`mcap` with `mcap_ros2` the file inside. A message that does not decode, or a type hash that does not belong to its
-definition, raises.
+Per topic: type, count, and the first and last log time in ns. `rosbags` reads the directory with
+its metadata.yaml, `mcap` with `mcap_ros2` the file inside. A message that does not decode, or a
+type hash that does not belong to its definition, raises.
 """
 
 import json
@@ -34,7 +35,8 @@ def mcap_files(bag):
 
 
 def read_with_rosbags(bag):
-    """Decodes everything with rosbags; checks the hash of each type against the definition in the bag."""
+    """Decodes everything with rosbags; checks the hash of each type against the definition in the
+    bag."""
     topics = {}
     with AnyReader([pathlib.Path(bag)]) as reader:
         for connection in reader.connections:
@@ -71,7 +73,8 @@ def read_with_mcap(bag):
 
 
 def provenance(bag):
-    """What made the recording: the metadata record of friction_stage and the text of model.yaml; None if absent."""
+    """What made the recording: the metadata record of friction_stage and the text of model.yaml;
+    None if absent."""
     with mcap_files(bag)[0].open("rb") as stream:
         reader = make_reader(stream)
         records = [m for m in reader.iter_metadata() if m.name == "friction_stage"]
@@ -82,7 +85,8 @@ def provenance(bag):
 
 
 def check_type_hashes(bag):
-    """Topic -> type hash; raises if one is not the RIHS01 hash of the definition that stands beside it."""
+    """Topic -> type hash; raises if one is not the RIHS01 hash of the definition that stands beside
+    it."""
     hashes = {}
     with mcap_files(bag)[0].open("rb") as stream:
         summary = make_reader(stream).get_summary()

@@ -38,16 +38,20 @@ class Ros(testing.Ros):
     topics = TOPICS
 
     def follow(self, points: list[dict], lead: float = 5.0) -> int:
-        """Has the controller follow a trajectory that starts `lead` s of the stage's time from now. Returns its start, ns.
+        """Has the controller follow a trajectory that starts `lead` s of the stage's time from now.
+        Returns its start, ns.
 
-        The first message to a new subscriber may take 3 s, in which lockstep may be a minute on. There time stands still
-        meanwhile: it goes on sample by sample until the controller says that it has the trajectory.
+        The first message to a new subscriber may take 3 s, in which lockstep may be a minute on.
+        There time stands still meanwhile: it goes on sample by sample until the controller says
+        that it has the trajectory.
         """
         states = self.collect("/controller/state", depth=10)
         # The stage hears setpoints too, for its recording.
         setpoint = self.publisher("/stage/setpoint", readers=2)
         self.until(lambda: states, "the state of the controller")
-        features = self.call(GetSimulatorFeatures, "/stage/get_simulator_features").features.features
+        features = self.call(
+            GetSimulatorFeatures, "/stage/get_simulator_features"
+        ).features.features
         lockstep = SimulatorFeatures.STEP_SIMULATION_SINGLE in features
         if lockstep:
             self.set_simulation_state(SimulationState.STATE_PAUSED)
@@ -58,7 +62,9 @@ class Ros(testing.Ros):
         while nanoseconds(states[-1].setpoint_stamp) != start:
             now = time.monotonic()
             late = nanoseconds(states[-1].header.stamp) > start
-            assert now < deadline and not late, f"the trajectory of {start} ns was not accepted in time"
+            assert now < deadline and not late, (
+                f"the trajectory of {start} ns was not accepted in time"
+            )
             if now - sent > 1.0:
                 setpoint.publish(trajectory(points, start))
                 sent = now

@@ -1,4 +1,5 @@
-"""RTPS datagrams made by hand, little endian (DDSI-RTPS 2.5, chapter 9), as a stranger on the network may send them."""
+"""RTPS datagrams made by hand, little endian (DDSI-RTPS 2.5, chapter 9), as a stranger on the
+network may send them."""
 
 import os
 import socket
@@ -37,12 +38,16 @@ def locator(address: str, port: int) -> bytes:
 
 
 def data(entities: bytes, sequence: int, payload: bytes) -> bytes:
-    return submessage(DATA, struct.pack("<HH", 0, 16) + entities + number(sequence) + payload, flags=4)
+    return submessage(
+        DATA, struct.pack("<HH", 0, 16) + entities + number(sequence) + payload, flags=4
+    )
 
 
 def fragment(entities: bytes, sequence: int, sample_size: int, fragment_size: int = 1400) -> bytes:
     head = struct.pack("<HH", 0, 28) + entities + number(sequence)
-    return submessage(DATA_FRAG, head + struct.pack("<IHHI", 1, 1, fragment_size, sample_size) + bytes(64))
+    return submessage(
+        DATA_FRAG, head + struct.pack("<IHHI", 1, 1, fragment_size, sample_size) + bytes(64)
+    )
 
 
 def heartbeat(entities: bytes, first: int, last: int, count: int = 1) -> bytes:
@@ -58,14 +63,19 @@ def acknack(entities: bytes, base: int, count: int) -> bytes:
 
 
 def fragment_request(entities: bytes, sequence: int, first: int, count: int = 1) -> bytes:
-    return submessage(NACK_FRAG, entities + number(sequence) + struct.pack("<IIIi", first, 32, 0xFFFFFFFF, count))
+    return submessage(
+        NACK_FRAG, entities + number(sequence) + struct.pack("<IIIi", first, 32, 0xFFFFFFFF, count)
+    )
 
 
 def unicast_ports(process: int) -> list[int]:
-    """The ports at which a participant of this process hears what is sent to it alone (DDSI-RTPS 2.5, 9.6.2.3)."""
+    """The ports at which a participant of this process hears what is sent to it alone (DDSI-RTPS
+    2.5, 9.6.2.3)."""
     links = [os.readlink(link.path) for link in os.scandir(f"/proc/{process}/fd")]
     lines = [line.split() for line in Path(f"/proc/{process}/net/udp").read_text().splitlines()[1:]]
-    ports = sorted({int(line[1].partition(":")[2], 16) for line in lines if f"socket:[{line[9]}]" in links})
+    ports = sorted(
+        {int(line[1].partition(":")[2], 16) for line in lines if f"socket:[{line[9]}]" in links}
+    )
     first = 7400 + 250 * int(os.environ["ROS_DOMAIN_ID"])
     return [port for port in ports if first + 10 <= port < first + 250]
 
@@ -73,7 +83,9 @@ def unicast_ports(process: int) -> list[int]:
 class Stranger:
     """A participant of its own that only sends, to all ports of one process."""
 
-    def __init__(self, process: int, address: str = "127.0.0.1", own_address: str = "127.0.0.1") -> None:
+    def __init__(
+        self, process: int, address: str = "127.0.0.1", own_address: str = "127.0.0.1"
+    ) -> None:
         self.prefix = bytes([1, 15]) + os.urandom(10)
         self.own_address = own_address
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -99,7 +111,9 @@ class Stranger:
             parameter(0x02, struct.pack("<iI", 100, 0)),
             parameter(0x58, struct.pack("<I", 0xC3F)),
         ]
-        return self.message(data(PARTICIPANTS, 1, b"\0\3\0\0" + b"".join(parameters) + END_OF_PARAMETERS))
+        return self.message(
+            data(PARTICIPANTS, 1, b"\0\3\0\0" + b"".join(parameters) + END_OF_PARAMETERS)
+        )
 
     def publication(self, topic: str, type_name: str) -> bytes:
         """A reliable writer on a topic."""
@@ -109,7 +123,9 @@ class Stranger:
             parameter(0x07, string(type_name)),
             parameter(0x1A, struct.pack("<IiI", 2, 0, 0x19999999)),
         ]
-        return self.message(data(PUBLICATIONS, 1, b"\0\3\0\0" + b"".join(parameters) + END_OF_PARAMETERS))
+        return self.message(
+            data(PUBLICATIONS, 1, b"\0\3\0\0" + b"".join(parameters) + END_OF_PARAMETERS)
+        )
 
     def force(self, sequence: int, newton: float) -> bytes:
         """A `geometry_msgs/WrenchStamped` without a stamp, from that writer."""
@@ -118,4 +134,6 @@ class Stranger:
         payload += bytes(-(len(payload) - 4) % 8) + struct.pack("<6d", newton, 0, 0, 0, 0, 0)
         # Whoever has missed those before does not wait for them.
         entities = ANY_READER + WRITER
-        return self.message(heartbeat(entities, sequence, sequence, sequence), data(entities, sequence, payload))
+        return self.message(
+            heartbeat(entities, sequence, sequence, sequence), data(entities, sequence, payload)
+        )

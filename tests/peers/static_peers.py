@@ -1,8 +1,10 @@
-"""static_peers.py BINARIES DIRECTORY: who finds whom on two machines whose link carries no multicast. Prints as JSON how
-many samples of a stage on this machine (a network namespace) came to a peer on the other, by who names whom
-(`ROS_STATIC_PEERS`), and whether a controller there closes the loop.
+"""static_peers.py BINARIES DIRECTORY: who finds whom on two machines whose link carries no
+multicast. Prints as JSON how many samples of a stage on this machine (a network namespace) came to
+a peer on the other, by who names whom (`ROS_STATIC_PEERS`), and whether a controller there closes
+the loop.
 
-To be run in a network namespace of its own (`unshare --net`, with `--map-root-user` where one is not root).
+To be run in a network namespace of its own (`unshare --net`, with `--map-root-user` where one is
+not root).
 """
 
 import json
@@ -43,7 +45,9 @@ def main() -> None:
     def naming(machine: str | None) -> list[str]:
         return ["env", f"ROS_STATIC_PEERS={machine or ''}"]
 
-    def node(name: str, log: str, inside: list[str], names: str | None, **parameters: object) -> Process:
+    def node(
+        name: str, log: str, inside: list[str], names: str | None, **parameters: object
+    ) -> Process:
         command = [*naming(names), *inside, str(binaries / name), *ros_arguments(parameters)]
         return Process(command, directory / log)
 
@@ -69,7 +73,9 @@ def main() -> None:
         finally:
             stage.stop()
         # Both machines, as one list for all of them.
-        stage = node("stage_node", "naming.log", [], f"{HERE};{THERE}", mode="realtime", control_rate=1000.0)
+        stage = node(
+            "stage_node", "naming.log", [], f"{HERE};{THERE}", mode="realtime", control_rate=1000.0
+        )
         try:
             came["the stage names rclpy's machine"] = peer(None)
         finally:

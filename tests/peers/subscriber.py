@@ -1,5 +1,5 @@
-"""subscriber.py TOPIC...: an rclpy program that subscribes with the defaults, and says whenever it has heard each topic
-since it said so last, twice a second at most."""
+"""subscriber.py TOPIC...: an rclpy program that subscribes with the defaults, and says whenever it
+has heard each topic since it said so last, twice a second at most."""
 
 import sys
 

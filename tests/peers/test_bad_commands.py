@@ -1,4 +1,5 @@
-"""Commands and setpoints as they should not be: each is refused with its reason, and the stage stays safe."""
+"""Commands and setpoints as they should not be: each is refused with its reason, and the stage
+stays safe."""
 
 import math
 import random
@@ -42,7 +43,8 @@ def array(*values: float) -> Float64MultiArray:
 
 
 class Source:
-    """A publisher that sends what `message` makes, 100 times a second, while the test waits for something."""
+    """A publisher that sends what `message` makes, 100 times a second, while the test waits for
+    something."""
 
     def __init__(self, ros, topic: str, message) -> None:
         self.publisher = ros.publisher(topic)

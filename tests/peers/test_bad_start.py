@@ -1,4 +1,5 @@
-"""Nodes that cannot start as they were told to: exit code 1 within seconds, saying what is wrong, where, and what would be right."""
+"""Nodes that cannot start as they were told to: exit code 1 within seconds, saying what is wrong,
+where, and what would be right."""
 
 import signal
 import time
@@ -27,7 +28,10 @@ def complaint(process) -> str:
 MODELS = {
     "cut off in a list": ("mass: 40\nguides: [guide_1, gui", ["line 2", "unclosed bracket"]),
     "cut off in a key": ("mass: 40\nmotor:\n  force_limit", ["line 3"]),
-    "cut off before a value": ("mass: 40\nmotor:\n  force_limit:", ["line 3", "a number is expected"]),
+    "cut off before a value": (
+        "mass: 40\nmotor:\n  force_limit:",
+        ["line 3", "a number is expected"],
+    ),
     "cut off to nothing": ("", ["is empty"]),
     "not YAML": ("{{{", ["line 1"]),
     "not text": ("\0\1\2", ["line 1", "unexpected character"]),
@@ -218,7 +222,9 @@ def test_a_controller_that_hears_two_stages_says_so_and_ends(ros, start, stage):
 
 
 @pytest.mark.parametrize("mode", ["realtime", "lockstep"])
-def test_a_second_controller_says_so_and_ends_and_the_first_goes_on(ros, start, stage, controller, mode):
+def test_a_second_controller_says_so_and_ends_and_the_first_goes_on(
+    ros, start, stage, controller, mode
+):
     stage(mode=mode, control_rate=500.0)
     first = controller(rate=500.0, bandwidth=30.0)
     second = start("controller_node", rate=500.0, bandwidth=30.0)
@@ -232,15 +238,22 @@ def test_a_second_controller_says_so_and_ends_and_the_first_goes_on(ros, start, 
     assert Diagnostics(ros, "/controller: controller").newest().level != ERROR
 
 
-def test_a_controller_that_takes_the_place_of_a_killed_one_is_no_second_one(ros, start, stage, controller):
+def test_a_controller_that_takes_the_place_of_a_killed_one_is_no_second_one(
+    ros, start, stage, controller
+):
     stage(mode="realtime", control_rate=500.0, command_timeout=3.0)
     first = controller(rate=500.0, bandwidth=30.0)
     first.stop(signal.SIGKILL, expected=-signal.SIGKILL)
     second = start("controller_node", rate=500.0, bandwidth=30.0)
     of_stage = Diagnostics(ros)
     # It is refused as long as the stage waits for the first one, and then commands.
-    refused = number(of_stage.until(lambda s: number(s, "refused_commands") > 0, "a refusal"), "refused_commands")
-    of_stage.until(lambda s: number(s, "refused_commands") > refused and s.message == "running", "a stage that runs")
+    refused = number(
+        of_stage.until(lambda s: number(s, "refused_commands") > 0, "a refusal"), "refused_commands"
+    )
+    of_stage.until(
+        lambda s: number(s, "refused_commands") > refused and s.message == "running",
+        "a stage that runs",
+    )
     assert second.popen.poll() is None
 
 

@@ -33,7 +33,8 @@ def test_a_node_on_simulated_time_follows_the_clock(ros, stage, simulated, param
     seen = [nanoseconds(message.clock) for message in clock]
     assert seen == sorted(seen)
 
-    # What the node believes is what was published, and its timer keeps that time. A busy machine may need a moment.
+    # What the node believes is what was published, and its timer keeps that time. A busy machine
+    # may need a moment.
     def believed():
         return simulated.get_clock().now().nanoseconds
 

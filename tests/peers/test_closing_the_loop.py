@@ -1,8 +1,9 @@
-"""Closing the loop: a recording leaves a doubt, identify says which motion settles it, the motion is played, and the model that
-comes out runs beside the stage.
+"""Closing the loop: a recording leaves a doubt, identify says which motion settles it, the motion
+is played, and the model that comes out runs beside the stage.
 
-The stage of the tests hides a motor that gives 3 % more force than it is told to. Along slow moves a force cell that reads 3 % too much, on
-guides that rub 3 % less, looks the same: only the mass, which is declared to half a percent, tells the two apart, and slow moves do not show it.
+The stage of the tests hides a motor that gives 3 % more force than it is told to. Along slow moves
+a force cell that reads 3 % too much, on guides that rub 3 % less, looks the same: only the mass,
+which is declared to half a percent, tells the two apart, and slow moves do not show it.
 """
 
 import json
@@ -63,8 +64,8 @@ def stretched(motion: JointTrajectory, factor: float) -> JointTrajectory:
 class Recorder:
     """Records what is played to the running stage, each motion into a bag of its own.
 
-    Between the motions the time of the stage, which is in lockstep, nearly stands still: a rest of many seconds says nothing, and friction
-    that is driven along an encoder's noise drifts.
+    Between the motions the time of the stage, which is in lockstep, nearly stands still: a rest of
+    many seconds says nothing, and friction that is driven along an encoder's noise drifts.
     """
 
     def __init__(self, ros: Ros, directory: Path) -> None:
@@ -90,7 +91,8 @@ class Recorder:
         assert response.success, response.message
 
     def record(self, motion: JointTrajectory, play: Callable[[], Any]) -> Path:
-        """The bag of a motion that `play` sends without a stamp: it starts when the controller hears it."""
+        """The bag of a motion that `play` sends without a stamp: it starts when the controller
+        hears it."""
         ros, before = self.ros, set(self.directory.iterdir())
         last = nanoseconds(self.states[-1].setpoint_stamp)
         self.switch(True)
@@ -162,7 +164,8 @@ def rms(values: list[float]) -> float:
 
 
 def beside(ros: Ros, motion: JointTrajectory, stages: list[str]) -> None:
-    """Plays a motion to several stages at once, each from its first sample on, and waits until all have made it."""
+    """Plays a motion to several stages at once, each from its first sample on, and waits until all
+    have made it."""
     publishers = [
         ros.node.create_publisher(JointTrajectory, f"/{name}/setpoint", 10) for name in stages
     ]
@@ -249,7 +252,8 @@ def test_a_doubt_is_settled_by_the_motion_that_identify_asks_for(
         print(f"replay of the hold-out, {figure}: declared {before:.3g}, identified {after:.3g}")
         assert after < 0.2 * before
 
-    # Three stages side by side, each in its own lockstep, under the same motion: the real one, the declared model, the identified one.
+    # Three stages side by side, each in its own lockstep, under the same motion: the real one, the
+    # declared model, the identified one.
     traces = {}
     for name, model in [("real", REAL), ("declared", DECLARED), ("identified", identified)]:
         bag = tmp_path / f"beside_{name}"
@@ -279,6 +283,7 @@ def test_a_doubt_is_settled_by_the_motion_that_identify_asks_for(
         for name in ("declared", "identified")
     }
     print(
-        f"beside the real stage: declared {apart['declared'] * 1e9:.1f} nm rms, identified {apart['identified'] * 1e9:.1f} nm rms"
+        f"beside the real stage: declared {apart['declared'] * 1e9:.1f} nm rms, "
+        f"identified {apart['identified'] * 1e9:.1f} nm rms"
     )
     assert apart["identified"] < 0.2 * apart["declared"]

@@ -10,7 +10,9 @@ MODEL = Path(__file__).parents[2] / "examples" / "compensate" / "cogging.yaml"
 
 def test_a_term_is_switched_while_the_loop_runs(ros, stage, controller):
     # No faster than Python reads.
-    stage(mode="lockstep", control_rate=1000.0, wait_for_command=True, clock_pause=0.002, model=MODEL)
+    stage(
+        mode="lockstep", control_rate=1000.0, wait_for_command=True, clock_pause=0.002, model=MODEL
+    )
     controller(rate=1000.0, bandwidth=30.0, compensation=MODEL)
     states = ros.collect("/controller/state", depth=10)
 

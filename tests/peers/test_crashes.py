@@ -1,4 +1,5 @@
-"""Signals, kills, full disks and frozen peers: the stage goes on or ends in good order, and recordings survive."""
+"""Signals, kills, full disks and frozen peers: the stage goes on or ends in good order, and
+recordings survive."""
 
 import json
 import shlex
@@ -43,7 +44,8 @@ def assert_no_holes(messages: list, period: int) -> None:
     times = stamps(messages)
     holes = [(a, b) for a, b in zip(times, times[1:]) if b - a != period]
     assert not holes, (
-        f"{len(holes)} holes or repetitions among {len(times)}, the first from {holes[0][0]} to {holes[0][1]} ns"
+        f"{len(holes)} holes or repetitions among {len(times)}, the first from {holes[0][0]} to "
+        f"{holes[0][1]} ns"
     )
 
 
@@ -238,7 +240,8 @@ def test_a_disk_that_runs_full_ends_the_recording_and_not_the_stage(ros, process
     report = friction_stage("recover", bag, "--out", tmp_path / "recovered", code=3)
     messages = assert_python_reads(tmp_path / "recovered")
     assert_no_holes(messages["/stage/encoder"], 500_000)
-    # What did not fit any more is what had come since the last time that messages were brought to the file.
+    # What did not fit any more is what had come since the last time that messages were brought to
+    # the file.
     assert report["messages"] > 1000
     assert 0 < told - stamps(messages["/stage/encoder"])[-1] < 1.2e9
     if kind == "full disk":
@@ -305,7 +308,8 @@ def test_the_nodes_of_a_command_end_with_it_however_it_ends(domain, processes, t
 
 
 def alive(pid: str) -> bool:
-    """Whether a process of another parent runs: one that has ended and nobody waited for counts as none."""
+    """Whether a process of another parent runs: one that has ended and nobody waited for counts as
+    none."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
     except FileNotFoundError:
@@ -345,7 +349,8 @@ def subscriber(ros, processes, tmp_path):
             process.stop(signal.SIGKILL, expected=-signal.SIGKILL)
 
 
-# Once to the end of their leases, which takes 20 s. A busy machine hears what was sampled in 5 s in minutes.
+# Once to the end of their leases, which takes 20 s. A busy machine hears what was sampled in 5 s in
+# minutes.
 @pytest.mark.timeout(400)
 @pytest.mark.parametrize("mode, seconds", [("realtime", 25.0), ("lockstep", 5.0)])
 def test_a_frozen_and_a_killed_subscriber_neither_stall_the_stage_nor_starve_a_healthy_one(

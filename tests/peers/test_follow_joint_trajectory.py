@@ -1,4 +1,5 @@
-"""rclpy action clients drive the controller through `follow_joint_trajectory`, as joint_trajectory_controller."""
+"""rclpy action clients drive the controller through `follow_joint_trajectory`, as
+joint_trajectory_controller."""
 
 import re
 import subprocess
@@ -88,7 +89,8 @@ def test_a_goal_is_followed_with_feedback_at_its_rate(ros, pair):
     feedback = []
     goals = Goals(ros)
     handle = goals.send(
-        goal([rest(1.0, 0.05)], end=1e-5, time=1.0), lambda message: feedback.append(message.feedback)
+        goal([rest(1.0, 0.05)], end=1e-5, time=1.0),
+        lambda message: feedback.append(message.feedback),
     )
     assert handle.accepted
     assert goals.result(handle) == SUCCESS
@@ -111,11 +113,15 @@ def run(ros, pair, drive):
     first = nanoseconds(encoder[0].header.stamp)
     drive()
     ros.until(lambda: nanoseconds(encoder[-1].header.stamp) > first + 400 * PERIOD, "400 samples")
-    samples = {nanoseconds(m.header.stamp): (m.position[0], m.velocity[0], m.effort[0]) for m in encoder}
+    samples = {
+        nanoseconds(m.header.stamp): (m.position[0], m.velocity[0], m.effort[0]) for m in encoder
+    }
     return [samples[first + k * PERIOD] for k in range(400)]
 
 
-def test_a_goal_is_bit_for_bit_the_move_of_a_setpoint(ros, start, stage, controller, pair, processes):
+def test_a_goal_is_bit_for_bit_the_move_of_a_setpoint(
+    ros, start, stage, controller, pair, processes
+):
     # With a force of the sender's own along the way.
     points = [{**rest(0.1, 0.01), "effort": [20.0]}, {**rest(0.3, -0.02), "effort": [0.0]}]
 
@@ -168,15 +174,11 @@ def test_all_goals_are_cancelled_at_once_and_unknown_ones_are_told(ros, pair):
     handle = goals.send(goal([LONG]))
     assert handle.accepted
     everything = CancelGoal.Request()
-    response = ros.call(
-        CancelGoal, f"{ACTION}/_action/cancel_goal", goal_info=everything.goal_info
-    )
+    response = ros.call(CancelGoal, f"{ACTION}/_action/cancel_goal", goal_info=everything.goal_info)
     assert response.return_code == CancelGoal.Response.ERROR_NONE
     assert goals.result(handle)[0] == GoalStatus.STATUS_CANCELED
     everything.goal_info.goal_id.uuid[0] = 7
-    response = ros.call(
-        CancelGoal, f"{ACTION}/_action/cancel_goal", goal_info=everything.goal_info
-    )
+    response = ros.call(CancelGoal, f"{ACTION}/_action/cancel_goal", goal_info=everything.goal_info)
     assert response.return_code == CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID
 
 
@@ -220,7 +222,9 @@ def test_tolerances_fail_a_goal_with_their_code_and_it_holds(ros, pair):
     never = goals.send(goal([rest(0.2, 0.5e-9)], end=1e-12, time=0.25))
     status, code, text = goals.result(never)
     assert (status, code) == (GoalStatus.STATUS_ABORTED, Result.GOAL_TOLERANCE_VIOLATED)
-    late = float(re.fullmatch(r"Aborted due to goal_time_tolerance exceeding by (\S+) seconds", text)[1])
+    late = float(
+        re.fullmatch(r"Aborted due to goal_time_tolerance exceeding by (\S+) seconds", text)[1]
+    )
     assert late == pytest.approx(0.25, abs=0.002)
     goals.reach(0.0)
 
@@ -235,7 +239,11 @@ def test_defaults_of_the_tolerances_are_parameters(ros, pair):
 
 SWING = [{"time": 0.1, "positions": [0.35], "velocities": [9.0]}, rest(0.2, 0.35)]
 BAD = {
-    "another joint": (lambda g: setattr(g.trajectory, "joint_names", ["arm"]), -2, "Incoming joint arm"),
+    "another joint": (
+        lambda g: setattr(g.trajectory, "joint_names", ["arm"]),
+        -2,
+        "Incoming joint arm",
+    ),
     "two joints": (
         lambda g: setattr(g.trajectory, "joint_names", ["stage", "arm"]),
         -2,
@@ -268,7 +276,11 @@ BAD = {
         -1,
         "Mismatch between joint_names size (1) and positions (2) at point #0.",
     ),
-    "no position": (lambda g: setattr(g.trajectory.points[0], "positions", []), -1, "positions (0)"),
+    "no position": (
+        lambda g: setattr(g.trajectory.points[0], "positions", []),
+        -1,
+        "positions (0)",
+    ),
     "no number": (
         lambda g: setattr(g.trajectory.points[0], "positions", [float("nan")]),
         -1,
@@ -438,8 +450,8 @@ def test_a_thousand_goals_leave_nothing_behind(ros, pair):
                 goals.reach(0.001 * (k % 2), 0.02)
         return memory()
 
-    # The DDS library takes memory for samples in steps of megabytes until it has what it keeps, with
-    # goals and without. A goal that stayed would take its part in every round.
+    # The DDS library takes memory for samples in steps of megabytes until it has what it keeps,
+    # with goals and without. A goal that stayed would take its part in every round.
     rounds = [goals_of_all_kinds()]
     while len(rounds) < 3 or rounds[-1] - rounds[-2] > 500:
         assert len(rounds) < 16, f"kB after each 500 goals: {rounds}"

@@ -1,5 +1,5 @@
-"""The controller measures its loop on a running stage: what it finds is the loop of the stage's model, and where the
-stage is not as it should be it refuses, or stops measuring and holds on."""
+"""The controller measures its loop on a running stage: what it finds is the loop of the stage's
+model, and where the stage is not as it should be it refuses, or stops measuring and holds on."""
 
 import cmath
 import json

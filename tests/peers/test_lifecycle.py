@@ -120,7 +120,11 @@ def test_a_managed_controller_answers_when_it_is_active(ros, stage, controller, 
 def test_a_node_at_error_is_deactivated(ros, stage):
     """Nobody answers a sample: an error of lockstep."""
     process = stage(
-        mode="lockstep", control_rate=1000.0, lifecycle=True, wait_for_command=False, answer_timeout=0.3
+        mode="lockstep",
+        control_rate=1000.0,
+        lifecycle=True,
+        wait_for_command=False,
+        answer_timeout=0.3,
     )
     life = Life(ros, "/stage")
     assert life.change(label="configure") and life.change(label="activate")

@@ -1,4 +1,5 @@
-"""Options of the lockstep: an answer to every Nth sample only, and a pause between a sample and its clock."""
+"""Options of the lockstep: an answer to every Nth sample only, and a pause between a sample and its
+clock."""
 
 import statistics
 import time

@@ -31,7 +31,8 @@ def command_line(*arguments, name="stage_under_test"):
 
 
 class User:
-    """A node of a user's, with a client for each of the six services, and all events of the stage."""
+    """A node of a user's, with a client for each of the six services, and all events of the
+    stage."""
 
     def __init__(self, stage=NODE):
         self.stage = stage
@@ -90,7 +91,8 @@ class User:
         assert len(self.events) >= count, f"{len(self.events)} of {count} events came"
 
     def drain(self):
-        """Takes in all that is on its way: an announcement stays behind only one that was made after it."""
+        """Takes in all that is on its way: an announcement stays behind only one that was made
+        after it."""
         mark = 1000.0 + len(self.events)
         assert self.set(answer_timeout=mark)[0].successful
         while not (
@@ -114,7 +116,8 @@ def module_domain():
 
 @pytest.fixture(scope="module")
 def user(module_domain, tmp_path_factory):
-    """One for all tests: the first call of a new client can wait 3 s for the heartbeat of its DDS writer."""
+    """One for all tests: the first call of a new client can wait 3 s for the heartbeat of its DDS
+    writer."""
     arguments = command_line("-p", "command_timeout:=0.25", "-p", "seed:=7")
     stage = Process(
         [str(BINARIES / "stage_node"), "--ros-args", *arguments],
@@ -201,7 +204,8 @@ def test_describe_says_unit_range_and_read_only(user):
 
 
 def test_a_dump_of_the_node_can_be_loaded_back(user):
-    """As `ros2 param dump` and `ros2 param load` do it: all values at once, read-only ones among them."""
+    """As `ros2 param dump` and `ros2 param load` do it: all values at once, read-only ones among
+    them."""
     names = user.ask(ListParameters, "list_parameters", ListParameters.Request()).result.names
     values = dict(zip(names, user.get(*names)))
     assert values["seed"] == 7 and len(values) > 20
@@ -439,7 +443,10 @@ def test_qos_overrides_are_applied_and_unknown_ones_are_told(ros, start, process
 )
 def test_a_wrong_qos_override_ends_the_start_with_what_would_be_right(start, policy, value, words):
     process = start(
-        "stage_node", "--ros-args", "-p", f"qos_overrides./stage/encoder.publisher.{policy}:={value}"
+        "stage_node",
+        "--ros-args",
+        "-p",
+        f"qos_overrides./stage/encoder.publisher.{policy}:={value}",
     )
     process.ended(1)
     assert words in process.log()

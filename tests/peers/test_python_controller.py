@@ -1,4 +1,5 @@
-"""A controller written in Python closes the loop in lockstep, and moves the stage as the Rust controller does."""
+"""A controller written in Python closes the loop in lockstep, and moves the stage as the Rust
+controller does."""
 
 import math
 from pathlib import Path

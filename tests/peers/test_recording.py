@@ -14,7 +14,8 @@ from std_srvs.srv import SetBool
 from test_crashes import friction_stage
 
 RATE = 1000.0
-# With noise and quantisation, from a seed; time stands still until the first command, so that every sample is answered.
+# With noise and quantisation, from a seed; time stands still until the first command, so that every
+# sample is answered.
 STAGE = {"mode": "lockstep", "wait_for_command": True, "control_rate": RATE, "seed": 7}
 MOVE = [rest(0.0, 0.0), rest(0.2, 0.02)]
 DURATION = 400_000_000

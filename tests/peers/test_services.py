@@ -181,12 +181,16 @@ def test_a_disabled_controller_sends_no_force_and_an_enabled_one_does(ros, on_co
             assert states[-1].output == 0.0
 
 
-def test_publishers_have_the_name_of_their_node_also_when_they_were_replaced(ros, stage, controller, domain):
+def test_publishers_have_the_name_of_their_node_also_when_they_were_replaced(
+    ros, stage, controller, domain
+):
     stage(mode="lockstep", control_rate=1000.0)
     controller(rate=1000.0, bandwidth=20.0)
     diagnostics = Diagnostics(ros)
     ros.until(
-        lambda: number(diagnostics.newest(), "sample") > 70_000, "more samples than one publisher sends", 300.0
+        lambda: number(diagnostics.newest(), "sample") > 70_000,
+        "more samples than one publisher sends",
+        300.0,
     )
     for topic, node in (("/stage/encoder", "stage"), ("/controller/state", "controller")):
 

@@ -1,4 +1,5 @@
-"""The stage drives itself along setpoints: the measuring rig, and setpoints that are streamed one by one."""
+"""The stage drives itself along setpoints: the measuring rig, and setpoints that are streamed one
+by one."""
 
 import statistics
 
@@ -7,7 +8,8 @@ from diagnostics import ERROR, OK, Diagnostics
 from ros import nanoseconds, trajectory
 from std_srvs.srv import SetBool
 
-# Guide 2 at constant velocity (crates/friction-stage-core/src/model/catalogue.yaml): Coulomb friction and viscous friction.
+# Guide 2 at constant velocity (crates/friction-stage-core/src/model/catalogue.yaml): Coulomb
+# friction and viscous friction.
 COULOMB, VISCOUS = 4.8, 18.0
 
 
@@ -64,7 +66,9 @@ def test_streamed_setpoints_move_the_stage(ros, stage, controller):
 def test_a_loop_of_its_own_that_does_not_hold_is_stopped_until_it_is_enabled(ros, stage, tmp_path):
     # A motor that the static friction holds.
     model = tmp_path / "weak.yaml"
-    model.write_text("mass: 40.0\nguides: [guide_1, guide_1, guide_1, guide_1]\nmotor: {force_limit: 20.0}\n")
+    model.write_text(
+        "mass: 40.0\nguides: [guide_1, guide_1, guide_1, guide_1]\nmotor: {force_limit: 20.0}\n"
+    )
     stage(model=str(model), mode="realtime", drive="servo", control_rate=1000.0)
     diagnostics = Diagnostics(ros)
     assert diagnostics.newest().level == OK

@@ -1,4 +1,5 @@
-"""SIGINT, SIGTERM, SIGSTOP and SIGCONT: from the first moment on, under a flood of messages, and where nobody expects them."""
+"""SIGINT, SIGTERM, SIGSTOP and SIGCONT: from the first moment on, under a flood of messages, and
+where nobody expects them."""
 
 import os
 import re
@@ -15,18 +16,26 @@ from conftest import BINARIES
 from diagnostics import Diagnostics, number
 from friction_stage_testing import PATIENCE, Process
 from rcl_interfaces.srv import GetParameters
-from test_crashes import MOTION, assert_no_holes, assert_python_reads, friction_stage, running, state_of
+from test_crashes import (
+    MOTION,
+    assert_no_holes,
+    assert_python_reads,
+    friction_stage,
+    running,
+    state_of,
+)
 
 HERE = Path(__file__).parent
-# Before the handlers of a program are there, its signals are the system's: it ends, as any program while it is loaded.
-# From then on these many ms.
+# Before the handlers of a program are there, its signals are the system's: it ends, as any program
+# while it is loaded. From then on these many ms.
 MOMENTS = [0, 1, 2, 5, 10, 20, 50, 100]
 SIGNALS = [signal.SIGINT, signal.SIGTERM]
 names = pytest.mark.parametrize("how", SIGNALS, ids=lambda how: how.name)
 
 
 def handles(process: Process, how: signal.Signals) -> bool:
-    """Whether the program, and not the one that it is started from, has a handler for the signal."""
+    """Whether the program, and not the one that it is started from, has a handler for the
+    signal."""
     status = Path(f"/proc/{process.popen.pid}/status").read_text()
     return bool(int(re.search(r"SigCgt:\s*(\w+)", status)[1], 16) >> (how - 1) & 1)
 
@@ -35,8 +44,12 @@ def wait_for(condition: Callable[[], object], what: str, process: Process) -> No
     """Waits without a pause: what follows is a matter of milliseconds."""
     deadline = time.monotonic() + PATIENCE
     while not condition():
-        assert process.popen.poll() is None, f"{process.outcome()} before {what}:\n{process.excerpt()}"
-        assert time.monotonic() < deadline, f"{PATIENCE} s went by without {what}:\n{process.excerpt()}"
+        assert process.popen.poll() is None, (
+            f"{process.outcome()} before {what}:\n{process.excerpt()}"
+        )
+        assert time.monotonic() < deadline, (
+            f"{PATIENCE} s went by without {what}:\n{process.excerpt()}"
+        )
 
 
 def signalled(process: Process, how: signal.Signals, moment: float, expected: int) -> str:
@@ -75,7 +88,10 @@ def test_a_node_ends_in_order_from_its_first_moment_on(start, tmp_path, program,
 @pytest.mark.parametrize("command", ["demo", "play"])
 @pytest.mark.parametrize(
     "begin",
-    [pytest.param(wait_for_handlers, id="its handlers"), pytest.param(wait_for_nodes, id="its nodes")],
+    [
+        pytest.param(wait_for_handlers, id="its handlers"),
+        pytest.param(wait_for_nodes, id="its nodes"),
+    ],
 )
 def test_a_command_and_its_nodes_end_in_order(domain, processes, tmp_path, command, how, begin):
     for moment in MOMENTS:
@@ -92,7 +108,8 @@ def test_a_command_and_its_nodes_end_in_order(domain, processes, tmp_path, comma
         log = signalled(process, how, moment, expected=130)
         assert "error: interrupted; " in log, log
         assert not running(home), f"nodes of {log} run on"
-        # Nothing is there that is empty; what was written is named, and a bag that was begun is whole.
+        # Nothing is there that is empty; what was written is named, and a bag that was begun is
+        # whole.
         assert all(any(path.iterdir()) for path in home.rglob("*") if path.is_dir()), log
         assert "nothing was written" not in log or list(home.iterdir()) == [home / "log"], log
         for file in home.rglob("*.mcap"):
@@ -101,23 +118,41 @@ def test_a_command_and_its_nodes_end_in_order(domain, processes, tmp_path, comma
 
 def traces() -> bool:
     strace = shutil.which("strace")
-    return bool(strace) and subprocess.run([strace, "-o", "/dev/null", "true"], capture_output=True).returncode == 0
+    return (
+        bool(strace)
+        and subprocess.run([strace, "-o", "/dev/null", "true"], capture_output=True).returncode == 0
+    )
 
 
-TRACED = pytest.mark.skipif(not traces(), reason="needs the package strace, and a system that lets processes be traced")
+TRACED = pytest.mark.skipif(
+    not traces(), reason="needs the package strace, and a system that lets processes be traced"
+)
 
 
 @TRACED
 @names
-def test_a_command_that_is_interrupted_before_its_nodes_are_there_does_nothing_more(domain, processes, tmp_path, how):
+def test_a_command_that_is_interrupted_before_its_nodes_are_there_does_nothing_more(
+    domain, processes, tmp_path, how
+):
     """What removes its empty directory is slow here."""
     out = tmp_path / "out"
-    slow = ["strace", "-f", "-o", "/dev/null", "-e", "trace=rmdir", "-e", "inject=rmdir:delay_exit=2s"]
+    slow = [
+        "strace",
+        "-f",
+        "-o",
+        "/dev/null",
+        "-e",
+        "trace=rmdir",
+        "-e",
+        "inject=rmdir:delay_exit=2s",
+    ]
     demo = [str(BINARIES / "friction-stage"), "demo", "--guides", "guide_2", "--out", str(out)]
     process = Process([*slow, *demo], tmp_path / "log")
     processes.append(process)
     wait_for(out.is_dir, "its directory", process)
-    (pid,) = Path(f"/proc/{process.popen.pid}/task/{process.popen.pid}/children").read_text().split()
+    (pid,) = (
+        Path(f"/proc/{process.popen.pid}/task/{process.popen.pid}/children").read_text().split()
+    )
     os.kill(int(pid), how)
     code = process.wait()
     process.stopped = True
@@ -126,16 +161,34 @@ def test_a_command_that_is_interrupted_before_its_nodes_are_there_does_nothing_m
 
 
 @TRACED
-@pytest.mark.parametrize("command", [["stage_node", "--help"], ["controller_node", "--help"], ["friction-stage", "guides"]])
+@pytest.mark.parametrize(
+    "command",
+    [["stage_node", "--help"], ["controller_node", "--help"], ["friction-stage", "guides"]],
+)
 def test_a_program_takes_over_its_signals_before_anything_else(tmp_path, command):
     calls = tmp_path / "calls"
     program = [str(BINARIES / command[0]), *command[1:]]
-    trace = ["strace", "-f", "-o", str(calls), "-e", "trace=rt_sigaction,openat,socket,clone,clone3"]
+    trace = [
+        "strace",
+        "-f",
+        "-o",
+        str(calls),
+        "-e",
+        "trace=rt_sigaction,openat,socket,clone,clone3",
+    ]
     subprocess.run([*trace, *program], check=True, capture_output=True, timeout=60)
     lines = calls.read_text().splitlines()
     # The last of what Rust does before main.
-    begin = max(k for k, line in enumerate(lines) if re.search(r"rt_sigaction\(SIGBUS, \{sa_handler=0x", line))
-    taken = [k for k, line in enumerate(lines) if re.search(r"rt_sigaction\(SIG(INT|TERM), \{sa_handler=0x", line)]
+    begin = max(
+        k
+        for k, line in enumerate(lines)
+        if re.search(r"rt_sigaction\(SIGBUS, \{sa_handler=0x", line)
+    )
+    taken = [
+        k
+        for k, line in enumerate(lines)
+        if re.search(r"rt_sigaction\(SIG(INT|TERM), \{sa_handler=0x", line)
+    ]
     assert len(taken) == 2, lines
     before = [line for line in lines[begin + 1 : max(taken)] if "rt_sigaction" not in line]
     assert not before, before
@@ -174,7 +227,9 @@ def test_to_be_continued_without_a_stop_disturbs_no_node(ros, start, tmp_path, m
 
 @MODES
 @pytest.mark.parametrize("which", ["stage", "controller"])
-def test_a_node_that_is_stopped_and_continued_goes_on_and_so_does_the_other(ros, start, tmp_path, mode, which):
+def test_a_node_that_is_stopped_and_continued_goes_on_and_so_does_the_other(
+    ros, start, tmp_path, mode, which
+):
     stage, controller = nodes = pair(start, mode, tmp_path / "bag")
     stopped = {"stage": stage, "controller": controller}[which]
     states = ros.collect("/controller/state")
@@ -220,27 +275,46 @@ FLOODS = ["/stage/force", "/stage/joint_commands", "/stage/commands", "/stage/se
 @pytest.mark.timeout(300)
 @MODES
 @names
-def test_a_node_ends_in_order_while_peers_send_without_any_pause(ros, start, processes, tmp_path, mode, how):
-    stage = start("stage_node", mode=mode, control_rate=1000.0, record=tmp_path / "bag", answer_timeout=60.0)
+def test_a_node_ends_in_order_while_peers_send_without_any_pause(
+    ros, start, processes, tmp_path, mode, how
+):
+    stage = start(
+        "stage_node", mode=mode, control_rate=1000.0, record=tmp_path / "bag", answer_timeout=60.0
+    )
     # Whether the loop holds meanwhile is not what is looked at here.
     controller = start("controller_node", rate=1000.0, supervision__enabled=False)
     diagnostics = Diagnostics(ros)
     diagnostics.until(lambda status: number(status, "sample") > 500, "500 samples")
     floods = []
     for kind in FLOODS:
-        flood = Process([sys.executable, str(HERE / "flood.py"), kind], tmp_path / f"flood-{len(floods)}.log")
+        flood = Process(
+            [sys.executable, str(HERE / "flood.py"), kind], tmp_path / f"flood-{len(floods)}.log"
+        )
         processes.append(flood)
         floods.append(flood)
 
     def sent(flood: Process) -> int:
         # The last line may not be whole yet.
-        return max((int(line.split()[1]) for line in flood.log().split("\n")[:-1] if line.startswith("sent ")), default=0)
+        return max(
+            (
+                int(line.split()[1])
+                for line in flood.log().split("\n")[:-1]
+                if line.startswith("sent ")
+            ),
+            default=0,
+        )
 
     try:
-        ros.until(lambda: all(sent(flood) >= 2000 for flood in floods), "2000 messages of each peer", timeout=120.0)
+        ros.until(
+            lambda: all(sent(flood) >= 2000 for flood in floods),
+            "2000 messages of each peer",
+            timeout=120.0,
+        )
         began = [sent(flood) for flood in floods]
         refused = diagnostics.until(
-            lambda status: number(status, "refused_commands") > 1000, "refused commands", timeout=60.0
+            lambda status: number(status, "refused_commands") > 1000,
+            "refused commands",
+            timeout=60.0,
         )
         assert refused
         for node in (stage, controller):

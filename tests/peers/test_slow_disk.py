@@ -1,4 +1,5 @@
-"""A disk that stalls while a stage records: in real time what the bag lacks is counted and said, in lockstep time waits."""
+"""A disk that stalls while a stage records: in real time what the bag lacks is counted and said, in
+lockstep time waits."""
 
 import os
 import re
@@ -14,15 +15,27 @@ from friction_stage_testing import Process
 from test_crashes import assert_no_holes, assert_python_reads, friction_stage, stamps
 
 HERE = Path(__file__).parent
-# Samples in real time that may wait for the recorder, and those in lockstep (docs/ros2.md, What a bag can lack).
+# Samples in real time that may wait for the recorder, and those in lockstep (docs/ros2.md, What a
+# bag can lack).
 RING, BACKLOG = 16_384, 512
 
 
 @pytest.fixture
 def disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A file: while it exists, nodes that are started from now on wait when they write into a recording."""
+    """A file: while it exists, nodes that are started from now on wait when they write into a
+    recording."""
     library, stalls = tmp_path / "slow_disk.so", tmp_path / "stalls"
-    command = ["cc", "-O2", "-Wall", "-Werror", "-shared", "-fPIC", "-o", str(library), str(HERE / "slow_disk.c")]
+    command = [
+        "cc",
+        "-O2",
+        "-Wall",
+        "-Werror",
+        "-shared",
+        "-fPIC",
+        "-o",
+        str(library),
+        str(HERE / "slow_disk.c"),
+    ]
     subprocess.run(command, check=True, capture_output=True, timeout=60)
     before = os.environ.get("LD_PRELOAD")
     monkeypatch.setenv("LD_PRELOAD", f"{library}:{before}" if before else str(library))
@@ -65,7 +78,9 @@ def test_in_real_time_what_a_stalled_disk_costs_is_counted_and_said(
     samples(diagnostics, begun + RING + 4000)
     # It is said while the disk stalls.
     status = diagnostics.until(
-        lambda status: number(status, "recording_dropped_samples") > 0, "samples that are missing", 60.0
+        lambda status: number(status, "recording_dropped_samples") > 0,
+        "samples that are missing",
+        60.0,
     )
     assert status.level == WARN and "lack" in status.message, status
     ros.until(lambda: "its disk does not answer" in process.log(), "a word in the log")
@@ -76,7 +91,9 @@ def test_in_real_time_what_a_stalled_disk_costs_is_counted_and_said(
     process.stop(expected=3)
 
     log = process.log()
-    (said,) = re.findall(rf"recorded \d+ messages in {re.escape(str(bag))}; (\d+) samples are missing", log)
+    (said,) = re.findall(
+        rf"recorded \d+ messages in {re.escape(str(bag))}; (\d+) samples are missing", log
+    )
     assert int(said) >= number(status, "recording_dropped_samples")
     assert re.search(r" WARN .*the recording lacks \d+ samples so far", log), process.excerpt()
     messages = assert_python_reads(bag)
@@ -94,8 +111,16 @@ def test_in_real_time_what_a_stalled_disk_costs_is_counted_and_said(
 
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("sync", ["end", "interval"])
-def test_in_lockstep_time_waits_for_a_stalled_disk_and_nothing_is_lost(ros, start, disk, tmp_path, sync):
-    process = start("stage_node", mode="lockstep", record=tmp_path / "bag", record_sync=sync, answer_timeout=60.0)
+def test_in_lockstep_time_waits_for_a_stalled_disk_and_nothing_is_lost(
+    ros, start, disk, tmp_path, sync
+):
+    process = start(
+        "stage_node",
+        mode="lockstep",
+        record=tmp_path / "bag",
+        record_sync=sync,
+        answer_timeout=60.0,
+    )
     start("controller_node")
     diagnostics = Diagnostics(ros)
     samples(diagnostics, 2000)
@@ -136,7 +161,9 @@ def stalled(start: Callable[..., Process], ros, disk: Path, bag: Path) -> Proces
     return process
 
 
-def test_a_node_that_is_ended_while_its_disk_stalls_ends_with_it_and_its_bag_is_whole(ros, start, disk, tmp_path):
+def test_a_node_that_is_ended_while_its_disk_stalls_ends_with_it_and_its_bag_is_whole(
+    ros, start, disk, tmp_path
+):
     process = stalled(start, ros, disk, tmp_path / "bag")
     heard = time.monotonic()
 

@@ -1,4 +1,5 @@
-"""ros2_control's topic hardware moves the stage: free-running on wall time, and in lockstep on simulated time."""
+"""ros2_control's topic hardware moves the stage: free-running on wall time, and in lockstep on
+simulated time."""
 
 import json
 import math
@@ -63,8 +64,8 @@ def test_it_closes_the_loop_in_lockstep_on_simulated_time(ros, stage, every):
     with TopicHardware(rate, TARGET, DURATION, use_sim_time=True, context=ros.context) as hardware:
         arrive(ros, hardware, encoder)
         # The loop is closed: an open one leaves all of the target. The error depends on the load of
-        # the machine, since commands may act a cycle later and states be those of the sample before:
-        # threads and clocks of manager and hardware are their own.
+        # the machine, since commands may act a cycle later and states be those of the sample
+        # before: threads and clocks of manager and hardware are their own.
         assert hardware.largest_error < 0.2 * TARGET, f"largest error {hardware.largest_error} m"
         moving = [sample for sample in encoder if sample.position[0] > 1e-4]
         stamps = sorted({nanoseconds(sample.header.stamp) for sample in moving})

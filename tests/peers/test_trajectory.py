@@ -15,8 +15,8 @@ POINTS = [
 
 @pytest.mark.parametrize("mode", ["lockstep", "realtime"])
 def test_a_trajectory_of_several_points_moves_the_stage_there(ros, stage, controller, mode):
-    # 1 kHz and a bandwidth that leaves room for the time on the wire.
-    # Wall time on a busy machine promises no delay: there the stage must arrive, in lockstep it must also keep to the way.
+    # 1 kHz and a bandwidth that leaves room for the time on the wire. Wall time on a busy machine
+    # promises no delay: there the stage must arrive, in lockstep it must also keep to the way.
     stage(mode=mode, control_rate=1000.0, noise=False, command_timeout=5.0)
     late = {} if mode == "lockstep" else UNSUPERVISED
     controller(rate=1000.0, bandwidth=30.0, **late)

@@ -13,7 +13,16 @@ from rclpy.node import Node
 def test_ros2_control_reads_the_gains(domain: int, tmp_path: Path) -> None:
     out = tmp_path / "tuning"
     run = subprocess.run(
-        [BINARIES / "friction-stage", "tune", "guide_1", "--variants", "20", "--out", out, "--json"],
+        [
+            BINARIES / "friction-stage",
+            "tune",
+            "guide_1",
+            "--variants",
+            "20",
+            "--out",
+            out,
+            "--json",
+        ],
         capture_output=True,
         text=True,
     )

@@ -1,4 +1,5 @@
-"""Two axes in lockstep: one program answers both on one clock, or each has a controller and a clock of its own."""
+"""Two axes in lockstep: one program answers both on one clock, or each has a controller and a clock
+of its own."""
 
 import pytest
 from geometry_msgs.msg import WrenchStamped
@@ -52,9 +53,7 @@ def run_both(start, ros, steps: int) -> tuple[list[float], list[float], list[int
     start_stage(start, "y", "-r", "/clock:=/y/clock", model="guide_2")
     both = axes.values()
     ros.until(lambda: all(axis.samples for axis in both), "the first sample of both axes")
-    ros.until(
-        lambda: all(axis.force.get_subscription_count() >= 1 for axis in both), "both stages"
-    )
+    ros.until(lambda: all(axis.force.get_subscription_count() >= 1 for axis in both), "both stages")
     x, y = axes["x"], axes["y"]
     paths: tuple[list[float], list[float]] = ([], [])
     for _ in range(steps):

@@ -1,4 +1,5 @@
-"""The type hashes written in crates/friction-stage-data/src/message/ are those that rosidl computes."""
+"""The type hashes written in crates/friction-stage-data/src/message/ are those that rosidl
+computes."""
 
 import json
 import pathlib
@@ -15,7 +16,8 @@ def constants():
     found = {}
     for path in SOURCES.glob("*.rs"):
         for package, name, type_hash in re.findall(
-            r'PACKAGE: &\'static str = (?:"(\w+)"|PACKAGE);\s*const NAME: &\'static str = "(\w+)";\s*'
+            r'PACKAGE: &\'static str = (?:"(\w+)"|PACKAGE);'
+            r'\s*const NAME: &\'static str = "(\w+)";\s*'
             r'const TYPE_HASH: &\'static str =\s*"(\w+)"',
             path.read_text(),
         ):

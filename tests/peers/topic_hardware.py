@@ -1,16 +1,18 @@
 """A stand-in for a controller_manager with joint_state_topic_hardware_interface 1.1.0, in rclpy.
 
-On the wire, and in what can overtake what, as the real pair: two nodes, each with a clock of its own.
+On the wire, and in what can overtake what, as the real pair: two nodes, each with a clock of its
+own.
 
-The manager's loop has a thread. On simulated time it sleeps until its clock is a period on from where it was, then reads,
-computes and writes, once: whoever waits for a second command of the same tick waits for ever. A clock that comes again is
-no tick.
+The manager's loop has a thread. On simulated time it sleeps until its clock is a period on from
+where it was, then reads, computes and writes, once: whoever waits for a second command of the same
+tick waits for ever. A clock that comes again is no tick.
 
-The plugin's node has another thread for its `/clock` and its joint states (best effort, volatile, depth 5, by joint name,
-whatever their stamp). Reading takes the states that it heard last; writing publishes the effort (reliable, volatile, depth
-1) with the time that the plugin's own clock shows. Sample and clock of a tick may reach the plugin after the manager: the
-command is then computed from the sample before, or has the stamp of the tick before, or both. Before the first state the
-effort is NaN.
+The plugin's node has another thread for its `/clock` and its joint states (best effort, volatile,
+depth 5, by joint name, whatever their stamp). Reading takes the states that it heard last; writing
+publishes the effort (reliable, volatile, depth 1) with the time that the plugin's own clock shows.
+Sample and clock of a tick may reach the plugin after the manager: the command is then computed from
+the sample before, or has the stamp of the tick before, or both. Before the first state the effort
+is NaN.
 
 On it runs the effort law of a joint_trajectory_controller.
 """
@@ -48,7 +50,8 @@ class State:
 
 
 class Plugin(Node):
-    """The hardware's node. Its subscriptions are spun by a thread that knows nothing of the manager's loop."""
+    """The hardware's node. Its subscriptions are spun by a thread that knows nothing of the
+    manager's loop."""
 
     def __init__(self, use_sim_time: bool, **options: object) -> None:
         super().__init__(
@@ -83,7 +86,8 @@ class Plugin(Node):
 
 
 class TopicHardware(Node):
-    """Moves the stage from where it is to `target` (m) within `duration` (s) once it has a state, and holds it there."""
+    """Moves the stage from where it is to `target` (m) within `duration` (s) once it has a state,
+    and holds it there."""
 
     def __init__(
         self, rate: float, target: float, duration: float, use_sim_time: bool, **options: object
@@ -146,7 +150,8 @@ class TopicHardware(Node):
             self.clock_moved.notify_all()
 
     def sleep_until(self, clock: Clock, wake: Time) -> None:
-        """As rclcpp's. rclpy's misses a simulated time that comes while it begins to wait, and in lockstep no other does."""
+        """As rclcpp's. rclpy's misses a simulated time that comes while it begins to wait, and in
+        lockstep no other does."""
         if not self.use_sim_time:
             clock.sleep_until(wake, context=self.context)
             return
@@ -167,7 +172,8 @@ class TopicHardware(Node):
             if self.use_sim_time and state is not None:
                 self.late_stamps += stamp < now.nanoseconds
                 self.late_states += state.stamp < now.nanoseconds
-            # On simulated time a period on from where the clock was found; on wall time at fixed deadlines.
+            # On simulated time a period on from where the clock was found; on wall time at fixed
+            # deadlines.
             wake = (now if self.use_sim_time else wake) + period
             self.sleep_until(clock, wake)
             now = clock.now()
@@ -190,4 +196,6 @@ class TopicHardware(Node):
         self.largest_error = max(self.largest_error, abs(error))
         self.integral += I * error * self.period
         self.integral = min(max(self.integral, -INTEGRAL_LIMIT), INTEGRAL_LIMIT)
-        return P * error + self.integral + D * (speed - state.velocity) + VELOCITY_FEEDFORWARD * speed
+        return (
+            P * error + self.integral + D * (speed - state.velocity) + VELOCITY_FEEDFORWARD * speed
+        )

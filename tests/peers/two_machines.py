@@ -1,8 +1,10 @@
-"""two_machines.py BINARIES DIRECTORY MODE RATE DELAY LOSS RELIABILITY: a stage on this machine (a network namespace) and its
-controller on another, over a link with this delay (s) and loss (share) in each direction, make a move of 10 mm within 1 s.
-RELIABILITY is that of encoder and force, `reliable` or `best_effort`. Prints as JSON what came of it.
+"""two_machines.py BINARIES DIRECTORY MODE RATE DELAY LOSS RELIABILITY: a stage on this machine (a
+network namespace) and its controller on another, over a link with this delay (s) and loss (share)
+in each direction, make a move of 10 mm within 1 s. RELIABILITY is that of encoder and force,
+`reliable` or `best_effort`. Prints as JSON what came of it.
 
-To be run in a network namespace of its own (`unshare --net`, with `--map-root-user` where one is not root).
+To be run in a network namespace of its own (`unshare --net`, with `--map-root-user` where one is
+not root).
 """
 
 import json
@@ -59,7 +61,9 @@ def main() -> None:
                 ros.node.create_subscription(JointState, "/stage/encoder", encoder.append, profile)
                 end = start + 3_000_000_000
                 ros.until(
-                    lambda: encoder and nanoseconds(encoder[-1].header.stamp) > end, "the end", 120.0
+                    lambda: encoder and nanoseconds(encoder[-1].header.stamp) > end,
+                    "the end",
+                    120.0,
                 )
                 took = time.monotonic() - began
                 status = Diagnostics(ros).newest()

@@ -2,9 +2,11 @@
 
 Runs in a virtual environment that holds the wheels of rosidl and of the standard messages:
 
-    python tests/peers/type_hashes.py        # {"friction_stage_msgs/msg/StageState": "RIHS01_...", ...}
+    python tests/peers/type_hashes.py        # {"friction_stage_msgs/msg/StageState": "RIHS01_...",
+      ...}
 
-The constants in crates/friction-stage-data/src/message/friction_stage_msgs.rs must equal what this prints.
+The constants in crates/friction-stage-data/src/message/friction_stage_msgs.rs must equal what this
+prints.
 """
 
 import json
@@ -44,7 +46,8 @@ for path in generate_type_hash(str(arguments)):
 
 
 def type_hashes(prefix=sys.prefix):
-    """Type name -> RIHS01 hash for every message of this package; `prefix` is the virtual environment."""
+    """Type name -> RIHS01 hash for every message of this package; `prefix` is the virtual
+    environment."""
     prefix = pathlib.Path(prefix)
     python = prefix / "bin" / "python"
     with tempfile.TemporaryDirectory() as work:

@@ -1,4 +1,5 @@
-"""What a recording loses when its stage is killed: SIGKILL at random moments under load, as a table.
+"""What a recording loses when its stage is killed: SIGKILL at random moments under load, as a
+table.
 
     python tests/soak/kills.py --kills 200 --busy 4 --out /tmp/kills
     python tests/soak/kills.py --mode lockstep --sync interval --split 0.5
@@ -12,8 +13,8 @@ documented is FLUSH seconds, and what had not yet reached the recorder: in real 
 ran, on a busy machine without a real-time priority as long as the system keeps it waiting; in
 lockstep 512 samples. In lockstep stamps are no time of the system: the time of a sample is when its
 clock was heard, and the table has the lost samples as well. With `--sync interval` time waits for
-the disk there, and that wait counts in the lost seconds. Ends with 1 if a bag is not recovered, lost
-more than FLUSH + LATE seconds, or has a hole in lockstep.
+the disk there, and that wait counts in the lost seconds. Ends with 1 if a bag is not recovered,
+lost more than FLUSH + LATE seconds, or has a hole in lockstep.
 """
 
 import argparse
@@ -138,12 +139,20 @@ def kill_once(number: int, arguments: argparse.Namespace, home: Path, chaos: ran
         with log.open("w") as output:
             nodes.append(
                 subprocess.Popen(
-                    command, env=environment, stdout=output, stderr=output, preexec_fn=end_with_parent
+                    command,
+                    env=environment,
+                    stdout=output,
+                    stderr=output,
+                    preexec_fn=end_with_parent,
                 )
             )
         return log
 
-    settings = {"record": bag, "record_sync": arguments.sync, "record_split_duration": arguments.split}
+    settings = {
+        "record": bag,
+        "record_sync": arguments.sync,
+        "record_split_duration": arguments.split,
+    }
     lockstep = arguments.mode == "lockstep"
     clock = Clock(arguments.domain) if lockstep else None
     pause = clock.spin if clock else time.sleep
@@ -210,7 +219,8 @@ def main() -> int:
     kills: list[Kill] = []
     faults: list[str] = []
     print(
-        f"{'kill':>5} {'recorded s':>11} {'messages':>9} {'lost s':>8} {'samples':>8} {'holes':>6}  load",
+        f"{'kill':>5} {'recorded s':>11} {'messages':>9} {'lost s':>8} {'samples':>8} "
+        f"{'holes':>6}  load",
         flush=True,
     )
     try:
@@ -222,8 +232,8 @@ def main() -> int:
                 continue
             kills.append(kill)
             print(
-                f"{number:>5} {kill.recorded:>11.3f} {kill.messages:>9} {kill.lost:>8.3f} {kill.samples:>8} "
-                f"{kill.holes:>6}  {os.getloadavg()[0]:.1f}",
+                f"{number:>5} {kill.recorded:>11.3f} {kill.messages:>9} {kill.lost:>8.3f} "
+                f"{kill.samples:>8} {kill.holes:>6}  {os.getloadavg()[0]:.1f}",
                 flush=True,
             )
             if kill.lost > FLUSH + LATE:
@@ -231,7 +241,9 @@ def main() -> int:
             # In real time holes are the machine's.
             if kill.holes and arguments.mode == "lockstep":
                 faults.append(f"the bag of kill {number} has {kill.holes} holes")
-            if not faults or not faults[-1].startswith((f"kill {number} ", f"the bag of kill {number} ")):
+            if not faults or not faults[-1].startswith(
+                (f"kill {number} ", f"the bag of kill {number} ")
+            ):
                 for name in (f"bag_{number}", f"recovered_{number}"):
                     shutil.rmtree(home / name)
     finally:
@@ -243,7 +255,8 @@ def main() -> int:
         how = f"{arguments.mode}, {arguments.busy} busy loops, record_sync {arguments.sync}"
         print(f"\n{len(kills)} kills, {how}, record_split_duration {arguments.split}")
         for share in (0.5, 0.9, 0.99):
-            print(f"{share:>5.0%} lost at most {lost[min(len(lost) - 1, int(share * len(lost)))]:.3f} s")
+            most = lost[min(len(lost) - 1, int(share * len(lost)))]
+            print(f"{share:>5.0%} lost at most {most:.3f} s")
         print(f"  all lost at most {lost[-1]:.3f} s; mean {statistics.mean(lost):.3f} s")
         print(f"more than {FLUSH} s: {sum(seconds > FLUSH for seconds in lost)}")
         if arguments.mode == "lockstep":

@@ -69,7 +69,9 @@ def usage(process: Process) -> tuple[int, int, int]:
     return resident, len(list((proc / "fd").iterdir())), len(list((proc / "task").iterdir()))
 
 
-def row(minutes: float, diagnostics: Diagnostics, stage: Process, controller: Process) -> list[float]:
+def row(
+    minutes: float, diagnostics: Diagnostics, stage: Process, controller: Process
+) -> list[float]:
     status = diagnostics.newest()
     get = {pair.key: pair.value for pair in status.values}
     return [
