@@ -4,8 +4,8 @@
 //! elsewhere. They come back to this process over the loopback of multicast: the
 //! [socket filter](super::socket_filter) hands them to [`pass_on`], and each is sent to the ports
 //! at which a participant of a named machine may listen (DDSI-RTPS 2.5, 9.6.2.3). Who hears one
-//! answers to the addresses in it ([beyond multicast](super::beyond_multicast)), and both have found
-//! each other.
+//! answers to the addresses in it ([beyond multicast](super::beyond_multicast)), and both have
+//! found each other.
 
 use std::collections::VecDeque;
 use std::net::{IpAddr, Ipv4Addr, SocketAddrV4, ToSocketAddrs as _, UdpSocket};

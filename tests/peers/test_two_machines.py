@@ -18,8 +18,8 @@ POOR, PERFECT = (0.002, 0.01), (0.0, 0.0)
 pytestmark = pytest.mark.skipif(
     not (into_a_network() and Path("/dev/net/tun").exists()),
     reason="needs two machines and a poor link: the test makes them with network namespaces and "
-    "TAP devices, which needs the package iproute2, /dev/net/tun, and root or a kernel that lets users "
-    "make namespaces (README, second command)",
+    "TAP devices, which needs the package iproute2, /dev/net/tun, and root or a kernel that "
+    "lets users make namespaces (README, second command)",
 )
 
 
