@@ -79,7 +79,7 @@ impl Open {
         let x = self.browser.text(&shown(figure, ".plot-at"));
         let all = self.browser.evaluate(&format!(
             "[...document.querySelectorAll('figure')[{figure}].querySelectorAll('output')].map((o) \
-             => Number.parseFloat(o.textContent))"
+             => Number.parseFloat(o.textContent || 0))"
         ));
         let x = x.trim_end_matches(" s").parse().expect("a number and its unit");
         let all = all.as_array().expect("values").iter().map(|v| v.as_f64().expect("a number"));

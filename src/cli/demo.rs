@@ -208,6 +208,7 @@ pub fn run(args: &DemoArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         errors.push((name, measured));
     }
     drop((progress, patience));
+    interrupt::check()?;
     let overview = directory.join("all_guides.svg");
     write_figure(&overview, "40 kg stage on four guides", &motion, &errors)?;
     let page = directory.join("report.html");

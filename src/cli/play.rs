@@ -292,7 +292,6 @@ pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         points,
         log_stem: args.record.clone(),
     };
-    interrupt::check()?;
     let moves = moves_along(&run.points);
     let count = run.points.len();
     let done =
@@ -301,6 +300,7 @@ pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
             progress.reach((1000.0 * time.min(seconds)) as u64);
         })?;
     drop(patience);
+    interrupt::check()?;
     progress.say("reading the bag");
     let samples = played_samples(&args.record)?;
     let followed: Vec<FollowedSample> = samples

@@ -27,9 +27,16 @@ fn machines() -> MutexGuard<'static, HashSet<Ipv4Addr>> {
 /// A participant of `machine` has announced itself to this machine alone.
 pub fn add(machine: Ipv4Addr) {
     let mut machines = machines();
-    if machines.len() < MOST {
-        machines.insert(machine);
+    if machines.len() >= MOST {
+        // Those that are there announce themselves again.
+        machines.clear();
     }
+    machines.insert(machine);
+}
+
+/// A participant of `machine` has announced itself by multicast.
+pub fn remove(machine: Ipv4Addr) {
+    machines().remove(&machine);
 }
 
 /// Whether multicast may not reach it.
@@ -41,7 +48,12 @@ pub fn is(machine: Ipv4Addr) -> bool {
 /// this is.
 pub fn hide_multicast(body: &mut [u8], flags: u8) {
     const HAS_INLINE_QOS: u8 = 1 << 1;
-    let mut list = Parameters { body, at: 20, is_little_endian: flags & 1 == 1 };
+    let is_little_endian = flags & 1 == 1;
+    // How far it is from the end of this number to what follows the head.
+    let Some(&[low, high]) = body.get(2..4).and_then(<[u8]>::first_chunk) else { return };
+    let head = if is_little_endian { [low, high] } else { [high, low] };
+    let at = 4 + usize::from(u16::from_le_bytes(head));
+    let mut list = Parameters { body, at, is_little_endian };
     if flags & HAS_INLINE_QOS != 0 {
         while list.next().is_some_and(|kind| kind != SENTINEL) {}
     }
@@ -89,6 +101,13 @@ impl Parameters<'_> {
 mod tests {
     use super::*;
 
+    /// Flags, the way to what follows the head, two entities and a number.
+    const HEAD: [u8; 20] = {
+        let mut head = [0; 20];
+        head[2] = 16;
+        head
+    };
+
     fn parameter(kind: u16, value: &[u8]) -> Vec<u8> {
         [&kind.to_le_bytes()[..], &(value.len() as u16).to_le_bytes(), value].concat()
     }
@@ -99,8 +118,7 @@ mod tests {
             let parameters = kinds.map(|kind| parameter(kind, &[7; 24])).concat();
             let inline = [parameter(0x0033, &[1; 16]), parameter(SENTINEL, &[])].concat();
             let end = parameter(SENTINEL, &[]);
-            [&[0; 20][..], &inline, &[0, 3, 0, 0], &parameters, &end, &parameter(0x0033, &[])]
-                .concat()
+            [&HEAD[..], &inline, &[0, 3, 0, 0], &parameters, &end, &parameter(0x0033, &[])].concat()
         };
         let mut body = announcement([0x0032, 0x0033, 0x0048, 0x0030]);
         hide_multicast(&mut body, 0b111);
@@ -109,7 +127,7 @@ mod tests {
 
     #[test]
     fn what_is_cut_off_is_left_as_it_is() {
-        let list = [&[0; 20][..], &[0, 3, 0, 0], &parameter(0x0033, &[7; 24])].concat();
+        let list = [&HEAD[..], &[0, 3, 0, 0], &parameter(0x0033, &[7; 24])].concat();
         for length in 0..list.len() {
             for flags in 0..8 {
                 let mut body = list[..length].to_vec();

@@ -28,6 +28,8 @@ use friction_stage_data::message::{
 
 /// Ticks that may wait for the recorder: 1.6 s at 10 kHz.
 const RING: usize = 16_384;
+/// Messages that may wait for the recorder.
+const MOST_HEARD: usize = 4 * RING;
 /// Ticks that a loop which may wait lets the bag lag behind, those of the controller's states
 /// included: what a killed process can lose is then a number of samples and not a matter of load.
 const BACKLOG: i64 = 512;
@@ -276,7 +278,13 @@ impl RecorderHandle {
     pub fn hear(&self, message: impl FnOnce() -> Heard) {
         if self.is_recording() {
             let now = self.stage.stamp.load(Ordering::Relaxed).max(self.start);
-            lock(&self.heard).push((now, message()));
+            let mut heard = lock(&self.heard);
+            if heard.len() < MOST_HEARD {
+                heard.push((now, message()));
+            } else {
+                self.status.dropped.fetch_add(1, Ordering::Relaxed);
+                self.status.dropped_of_bag.fetch_add(1, Ordering::Relaxed);
+            }
         }
     }
 }
@@ -320,7 +328,8 @@ impl Recorder {
     /// Waits until the thread has closed its bag; drop every handle and feed before. While a disk
     /// does not answer this takes as long as that: it is said, and another signal ends the process.
     pub fn join(self) {
-        const LONG: Duration = Duration::from_secs(1);
+        // Longer than what the controller owes is waited for.
+        const LONG: Duration = Duration::from_secs(3);
         let began = Instant::now();
         let mut is_said = false;
         while !self.thread.is_finished() {
@@ -512,6 +521,7 @@ impl Work {
         self.answered = i64::MIN;
         self.last_force = None;
         self.last_tick = None;
+        self.count_refused();
         self.status.dropped_of_bag.store(0, Ordering::Relaxed);
         let status = &self.status;
         status.heard.store(i64::MIN, Ordering::Relaxed);
@@ -623,9 +633,16 @@ impl Work {
 
     /// Counts ticks that are missing between two.
     fn find_gap(&self, count: u64) {
-        self.miss(count);
         let less = |refused: u64| Some(refused.saturating_sub(count));
         let _ = self.status.refused.fetch_update(Ordering::Relaxed, Ordering::Relaxed, less);
+        self.miss(count);
+    }
+
+    /// Ticks that found no room and have no tick after them in the bag are lost for good.
+    fn count_refused(&self) {
+        let refused = self.status.refused.swap(0, Ordering::Relaxed);
+        self.status.dropped.fetch_add(refused, Ordering::Relaxed);
+        self.status.dropped_of_bag.fetch_add(refused, Ordering::Relaxed);
     }
 
     /// Counts samples that the bag lacks; a flood is logged at powers of two only.
@@ -654,6 +671,7 @@ impl Work {
             );
             *lock(&self.status.fault) = Some(error.to_string());
             self.status.recording.store(false, Ordering::Release);
+            self.count_refused();
             // Dropping the writer would try the full disk again; its error has been told.
             self.bag = None;
             self.controller = None;

@@ -18,6 +18,7 @@ use super::arguments::{Override, RosArguments, fully_qualified};
 use super::control::Control;
 use super::cpu;
 use super::lifecycle::{self, Lifecycle};
+use super::lock::lock;
 use super::memory_watch;
 use super::parameters::{ParameterServer, ParameterSet, ParameterSpec};
 use super::participant::{self, Network, Participant, environment};
@@ -314,13 +315,19 @@ impl Background {
         &mut self,
         startup: &Startup,
         participant: &Participant,
-        mut switch: impl FnMut(bool) -> Result<String, String> + Send + 'static,
+        switch: impl FnMut(bool) -> Result<String, String> + Send + 'static,
     ) -> anyhow::Result<()> {
+        let switch = Arc::new(Mutex::new(switch));
         let handler = move |request: SetBoolRequest| {
-            std::future::ready(match switch(request.data) {
-                Ok(message) => SetBoolResponse { success: true, message },
-                Err(message) => SetBoolResponse { success: false, message },
-            })
+            let switch = switch.clone();
+            // It may wait for a disk; signals and the other services do not.
+            let done = tokio::task::spawn_blocking(move || (*lock(&switch))(request.data));
+            async move {
+                match done.await.unwrap_or_else(|error| Err(error.to_string())) {
+                    Ok(message) => SetBoolResponse { success: true, message },
+                    Err(message) => SetBoolResponse { success: false, message },
+                }
+            }
         };
         let task = service::serve::<SetBool, _, _>(
             participant,
@@ -351,6 +358,8 @@ impl Background {
             }
         });
         let _ = control.unbounded_send(Control::Shutdown);
+        // What waits for a disk is not waited for here.
+        runtime.shutdown_background();
         Ok(end)
     }
 }

@@ -181,8 +181,10 @@ unsafe fn take(socket: libc::c_int, message: &libc::msghdr, length: usize) -> Op
     let machine = source.filter(|_| !is_from_here).map(address_of);
     if let Some((participant, number)) = announcement(datagram) {
         static_peers::pass_on(participant, number, datagram);
-        if let Some(machine) = machine.filter(|_| !is_multicast) {
-            beyond_multicast::add(machine);
+        match machine {
+            Some(machine) if is_multicast => beyond_multicast::remove(machine),
+            Some(machine) => beyond_multicast::add(machine),
+            None => {}
         }
     }
     if machine.is_some_and(beyond_multicast::is) {

@@ -387,7 +387,8 @@ fn diagnose(
             let was_full = std::mem::replace(&mut is_full, recording.is_full());
             if is_full && !was_full {
                 tracing::warn!(
-                    "the recording lacks {missing} samples so far: its disk does not answer"
+                    "the recording lacks {missing} samples so far, and its recorder waits: disk or \
+                     machine is too busy"
                 );
             }
             let mut warnings = Vec::new();

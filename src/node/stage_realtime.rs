@@ -60,7 +60,7 @@ enum Return {
     /// To be dropped.
     Follower(#[expect(dead_code, reason = "only dropped")] Box<Follower>),
     Settings(#[expect(dead_code, reason = "only dropped")] Box<ControllerSettings>),
-    /// The stage's own loop does otherwise than before.
+    /// How the stage's own loop does.
     Health(Health),
 }
 
@@ -72,6 +72,8 @@ struct Servo {
     follower: Box<Follower>,
     supervisor: Supervisor,
     health: Health,
+    /// Samples since it was told of last.
+    told: u32,
     /// It has been stopped; over when this gives no force.
     stop: Option<DampedStop>,
 }
@@ -87,24 +89,42 @@ impl Servo {
             Some(stroke) => follower.within(stroke.low, stroke.high),
             None => follower,
         };
+        let controller = Controller::new(ControllerSettings { gains, ..paper })?;
         Ok(Servo {
-            controller: Controller::new(ControllerSettings { gains, ..paper })?,
+            supervisor: Servo::supervisor(controller.settings()),
+            controller,
             follower: Box::new(follower),
-            supervisor: Supervisor::new(SupervisorSettings::new(rate, limit)),
             health: Health::Fine,
+            told: 0,
             stop: None,
         })
     }
 
-    /// Starts anew, at `position`, m.
+    /// A slow loop has large errors: one at which its proportional part asks for a tenth of the
+    /// largest force is allowed. Assumed.
+    fn supervisor(settings: &ControllerSettings) -> Supervisor {
+        let limit = settings.limits.1;
+        let usual = SupervisorSettings::new(settings.rate, limit);
+        let error = usual.error.max(0.1 * limit / settings.gains.p);
+        Supervisor::new(SupervisorSettings { error, ..usual })
+    }
+
+    /// Takes settings that were checked where they come from: nothing is refused.
+    fn retune(&mut self, settings: &ControllerSettings) {
+        let _ = self.controller.retune(settings.clone());
+        self.supervisor = Servo::supervisor(settings);
+    }
+
+    /// Begins again, at `position`, m.
     fn hold(&mut self, time: i64, position: f64) {
         self.controller.reset();
         self.supervisor.reset();
+        self.health = Health::Fine;
         self.stop = None;
         self.follower.hold(time, position);
     }
 
-    /// The force for a sample, N, and whether the loop does otherwise than before.
+    /// The force for a sample, N, and how the loop does, where that is news.
     fn update(&mut self, sample: &Sample) -> (f64, Option<Health>) {
         if let Some(stop) = &mut self.stop {
             return (stop.force(sample.velocity).unwrap_or(0.0), None);
@@ -113,6 +133,13 @@ impl Servo {
         let health = self.supervisor.observe(&terms);
         let is_other = std::mem::discriminant(&health) != std::mem::discriminant(&self.health);
         self.health = health;
+        // The numbers of a warning change while it lasts.
+        self.told += 1;
+        let is_due = f64::from(self.told) >= self.controller.settings().rate * NEWS;
+        let is_news = is_other || is_due && health != Health::Fine;
+        if is_news {
+            self.told = 0;
+        }
         let force = match health {
             Health::Stop(_) => {
                 let settings = self.controller.settings();
@@ -124,10 +151,12 @@ impl Servo {
             }
             Health::Fine | Health::Warning(_) => terms.output,
         };
-        (force, is_other.then_some(health))
+        (force, is_news.then_some(health))
     }
 }
 
+/// Interval at which the state of a loop that does not hold is told, s.
+const NEWS: f64 = 0.1;
 /// Answer to a wish that only a stage with its own loop can fulfil.
 const NO_SERVO: &str = "drive: force: another node controls this stage";
 /// Largest step from the live page, m. Assumed: a fifth of the paper's move.
@@ -189,6 +218,7 @@ impl StageLoop {
             follower,
             controller,
             followed,
+            health: Health::Fine,
             epoch,
             status,
             live,
@@ -273,8 +303,7 @@ impl TickThread {
                     }
                     Order::Retune(settings) => {
                         if let Some(servo) = &mut self.servo {
-                            // Checked where it comes from: nothing is refused.
-                            let _ = servo.controller.retune((*settings).clone());
+                            servo.retune(&settings);
                         }
                         let _ = self.returns.push(Return::Settings(settings));
                     }
@@ -352,6 +381,8 @@ struct CommandThread {
     /// Of the controller in `drive: servo`.
     controller: Option<ControllerSettings>,
     followed: SharedFollower,
+    /// How that loop does.
+    health: Health,
     epoch: i64,
     status: Arc<StageStatus>,
     live: Arc<LiveSettings>,
@@ -368,6 +399,7 @@ impl CommandThread {
             let event = self.inbox.next(&waiter, Some(Instant::now() + NAP));
             while let Ok(returned) = self.returns.pop() {
                 if let Return::Health(health) = returned {
+                    self.health = health;
                     self.status.set_servo(health);
                 }
             }
@@ -415,12 +447,13 @@ impl CommandThread {
                     self.send(Order::Shutdown);
                     return;
                 }
-                Some(Event::Control(Control::Enable(enabled))) => self.send(Order::Enable(enabled)),
+                Some(Event::Control(Control::Enable(enabled))) => {
+                    self.send(Order::Enable(enabled));
+                    self.hold(self.status.motion()[0]);
+                }
                 Some(Event::Control(Control::Reset(reply))) => {
                     self.send(Order::Reset);
-                    if let Some(followed) = lock(&self.followed).as_mut() {
-                        followed.hold(0, 0.0);
-                    }
+                    self.hold(0.0);
                     arbiter.release();
                     let time = self.status.stamp.load(Ordering::Relaxed) as f64 * 1e-9;
                     let _ = reply.send(Ok(format!(
@@ -444,9 +477,32 @@ impl CommandThread {
         }
     }
 
+    /// The loop begins again at `position`, m, on the tick thread: so does what it follows here.
+    fn hold(&mut self, position: f64) {
+        let Some(follower) = &mut self.follower else { return };
+        follower.hold(0, position);
+        *lock(&self.followed) = Some((**follower).clone());
+        self.health = Health::Fine;
+        self.status.set_servo(Health::Fine);
+    }
+
+    /// Why the loop follows nothing, if it was stopped.
+    fn stopped(&self) -> Result<(), String> {
+        match self.health {
+            Health::Stop(cause) => {
+                Err(format!("the loop was stopped: {cause}; `~/enable` with true starts it again"))
+            }
+            Health::Fine | Health::Warning(_) => Ok(()),
+        }
+    }
+
     /// A setpoint in `drive: servo`; in `drive: force` it is for the controller.
     fn follow(&mut self, message: &friction_stage_data::message::JointTrajectory) {
+        let stopped = self.stopped();
         let Some(follower) = &mut self.follower else { return };
+        if let Err(reason) = stopped {
+            return self.status.refuse(&format!("~/setpoint: {reason}"));
+        }
         let now = self.status.stamp.load(Ordering::Relaxed);
         let result = setpoint(message, &self.settings.joint, now)
             .map_err(|error| error.to_string())
@@ -490,6 +546,7 @@ impl CommandThread {
 
     /// A step of the setpoint, as smooth as the paper's moves.
     fn step(&mut self, distance: f64) -> Result<String, String> {
+        self.stopped()?;
         let follower = self.follower.as_mut().ok_or(NO_SERVO)?;
         if !(distance.is_finite() && distance.abs() <= LARGEST_STEP) {
             return Err(format!("a step of {distance} m: must be at most {LARGEST_STEP} m"));

@@ -70,6 +70,8 @@ pub struct StageStatus {
     last_unpublished: Recent,
     /// `drive: servo`: how the stage's own loop does.
     servo: Mutex<Option<Health>>,
+    /// Times that it did not hold.
+    servo_faults: AtomicU64,
 }
 
 impl StageStatus {
@@ -86,16 +88,23 @@ impl StageStatus {
         self.motion.each_ref().map(|slot| f64::from_bits(slot.load(Ordering::Relaxed)))
     }
 
-    /// How the stage's own loop does; logs it.
+    /// How the stage's own loop does; logs it when that is of another kind than before.
     pub fn set_servo(&self, health: Health) {
+        let before = lock(&self.servo).replace(health).unwrap_or(Health::Fine);
+        if std::mem::discriminant(&before) == std::mem::discriminant(&health) {
+            return;
+        }
         match health {
             Health::Fine => {}
-            Health::Warning(cause) => tracing::warn!("{cause}"),
+            Health::Warning(cause) => {
+                if is_logged(self.servo_faults.fetch_add(1, Ordering::Relaxed) + 1) {
+                    tracing::warn!("{cause}");
+                }
+            }
             Health::Stop(cause) => {
                 tracing::error!("{cause}: damped stop; `~/enable` with true starts the loop again");
             }
         }
-        *lock(&self.servo) = Some(health);
     }
 
     /// Counts a command that was refused by the rules of commands, and logs it.

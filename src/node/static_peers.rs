@@ -16,7 +16,7 @@ use thiserror::Error;
 
 /// Participants of one machine that are reached, as many as rmw_fastrtps and rmw_cyclonedds try.
 const PARTICIPANTS: u16 = 32;
-/// The last announcements that are kept, until this process has named its own participants.
+/// The last announcements of others that are kept.
 const MOST_KEPT: usize = 16;
 
 /// A machine of `ROS_STATIC_PEERS` that cannot be found.
@@ -37,12 +37,16 @@ fn prefix_of(participant: GUID) -> Prefix {
     participant.to_bytes()[..12].try_into().expect("a GUID has 16 bytes")
 }
 
+/// Announcements that may be lost on the way back to this process. One whose number is farther from
+/// the last is not of this process.
+const LARGEST_STEP: u64 = 1000;
+
 /// What is sent on, and to whom.
 struct Relay {
-    socket: UdpSocket,
     peers: Vec<Peer>,
     own: Vec<Own>,
-    /// A participant announces itself before this process knows its name.
+    /// The last announcements of others: a participant announces itself before this process knows
+    /// that it is its own.
     kept: VecDeque<(Prefix, u64, Vec<u8>)>,
 }
 
@@ -55,6 +59,8 @@ struct Own {
 }
 
 struct Peer {
+    /// Of its own: what waits for a machine that does not answer takes no room from the others.
+    socket: UdpSocket,
     address: Ipv4Addr,
     ports: Vec<u16>,
     is_reached: bool,
@@ -72,18 +78,20 @@ fn relay() -> MutexGuard<'static, Option<Relay>> {
 /// [`PeerError`] for one that is no address and no host with one.
 pub fn resolve(names: &str) -> Result<Vec<Ipv4Addr>, PeerError> {
     let names = names.split(';').map(str::trim).filter(|name| !name.is_empty());
-    names.map(address_of).collect()
+    let all: Result<Vec<_>, _> = names.map(addresses_of).collect();
+    Ok(all?.concat())
 }
 
-fn address_of(name: &str) -> Result<Ipv4Addr, PeerError> {
+fn addresses_of(name: &str) -> Result<Vec<Ipv4Addr>, PeerError> {
     let wrong = |reason: String| PeerError { peer: name.to_owned(), reason };
     let addresses =
         (name, 0).to_socket_addrs().map_err(|error| wrong(format!("has no address ({error})")))?;
-    let ipv4 = addresses.map(|address| address.ip()).find_map(|address| match address {
+    let ipv4 = addresses.filter_map(|address| match address.ip() {
         IpAddr::V4(address) => Some(address),
         IpAddr::V6(_) => None,
     });
-    ipv4.ok_or_else(|| wrong("has no IPv4 address".to_owned()))
+    let ipv4: Vec<_> = ipv4.collect();
+    if ipv4.is_empty() { Err(wrong("has no IPv4 address".to_owned())) } else { Ok(ipv4) }
 }
 
 /// From now on the participants of this process in `domain` are announced to `peers`, too. To be
@@ -95,14 +103,15 @@ pub fn announce_to(peers: &[Ipv4Addr], domain: u16) -> std::io::Result<()> {
     if peers.is_empty() {
         return Ok(());
     }
-    let socket = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0))?;
-    socket.set_nonblocking(true)?;
     let ports = |participant: u16| 7410_u16.checked_add(250 * domain)?.checked_add(2 * participant);
     let ports: Vec<u16> = (0..PARTICIPANTS).map_while(ports).collect();
-    let peer = |&address: &Ipv4Addr| Peer { address, ports: ports.clone(), is_reached: true };
-    let peers = peers.iter().map(peer).collect();
-    let (own, kept) = (Vec::new(), VecDeque::new());
-    *relay() = Some(Relay { socket, peers, own, kept });
+    let peer = |&address: &Ipv4Addr| -> std::io::Result<Peer> {
+        let socket = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0))?;
+        socket.set_nonblocking(true)?;
+        Ok(Peer { socket, address, ports: ports.clone(), is_reached: true })
+    };
+    let peers = peers.iter().map(peer).collect::<Result<_, _>>()?;
+    *relay() = Some(Relay { peers, own: Vec::new(), kept: VecDeque::new() });
     Ok(())
 }
 
@@ -138,7 +147,7 @@ impl Relay {
     /// Whether it is from a participant of this process.
     fn pass_on(&mut self, from: Prefix, number: u64, datagram: &[u8]) -> bool {
         let Some(own) = self.own.iter_mut().find(|own| own.prefix == from) else { return false };
-        if number > own.last {
+        if number > own.last && number - own.last <= LARGEST_STEP {
             own.last = number;
             self.send(datagram);
         }
@@ -147,8 +156,12 @@ impl Relay {
 
     fn send(&mut self, datagram: &[u8]) {
         for peer in &mut self.peers {
-            let to = |&port| self.socket.send_to(datagram, SocketAddrV4::new(peer.address, port));
-            let failure = peer.ports.iter().map(to).find_map(Result::err);
+            let to = |&port| peer.socket.send_to(datagram, SocketAddrV4::new(peer.address, port));
+            let failure = peer
+                .ports
+                .iter()
+                .filter_map(|port| to(port).err())
+                .fold(None, |_, error| Some(error));
             if let (true, Some(error)) = (peer.is_reached, &failure) {
                 tracing::warn!("cannot reach {} of ROS_STATIC_PEERS: {error}", peer.address);
             }

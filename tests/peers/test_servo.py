@@ -77,5 +77,9 @@ def test_a_loop_of_its_own_that_does_not_hold_is_stopped_until_it_is_enabled(ros
     )
     status = diagnostics.until(lambda status: status.level == ERROR, "the stop")
     assert status.message.startswith("stopped: "), status
+    ros.publisher("/stage/setpoint").publish(
+        trajectory([{"time": 0.2, "positions": [0.01], "velocities": [0.0]}])
+    )
+    diagnostics.refusal("refused_commands", 1, "the loop was stopped")
     assert ros.call(SetBool, "/stage/enable", data=True).success
     diagnostics.until(lambda status: status.level == OK, "a loop that holds")

@@ -12,12 +12,12 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from diagnostics import OK, WARN, Diagnostics, number, value
 from friction_stage_testing import Process
+from std_srvs.srv import SetBool
 from test_crashes import assert_no_holes, assert_python_reads, friction_stage, stamps
 
 HERE = Path(__file__).parent
-# Samples in real time that may wait for the recorder, and those in lockstep (docs/ros2.md, What a
-# bag can lack).
-RING, BACKLOG = 16_384, 512
+# Samples in real time that may wait for the recorder (docs/ros2.md, What a bag can lack).
+RING = 16_384
 
 
 @pytest.fixture
@@ -83,7 +83,7 @@ def test_in_real_time_what_a_stalled_disk_costs_is_counted_and_said(
         60.0,
     )
     assert status.level == WARN and "lack" in status.message, status
-    ros.until(lambda: "its disk does not answer" in process.log(), "a word in the log")
+    ros.until(lambda: "its recorder waits" in process.log(), "a word in the log")
     disk.unlink()
     samples(diagnostics, number(status, "sample") + 2000)
     status = diagnostics.newest()
@@ -184,8 +184,17 @@ def test_a_node_that_is_ended_while_its_disk_stalls_ends_with_it_and_its_bag_is_
     assert friction_stage("check", tmp_path / "bag", code=0)["complete"]
 
 
-def test_another_signal_ends_a_node_whose_disk_does_not_answer(ros, start, disk, tmp_path):
+@pytest.mark.parametrize("service", [False, True], ids=["alone", "during the end of a recording"])
+def test_another_signal_ends_a_node_whose_disk_does_not_answer(
+    ros, start, disk, tmp_path, service
+):
     process = stalled(start, ros, disk, tmp_path / "bag")
+    if service:
+        client = ros.node.create_client(SetBool, "/stage/record")
+        ros.until(client.service_is_ready, "the service")
+        client.call_async(SetBool.Request(data=False))
+        # It serves others meanwhile.
+        Diagnostics(ros).newest()
     process.popen.terminate()
     ros.until(lambda: "the disk of the recording does not answer" in process.log(), "its words")
     process.popen.terminate()

@@ -57,7 +57,7 @@ pub fn live_page(stage: &LiveStage) -> String {
         ),
     };
     let bandwidth = stage.bandwidth.unwrap_or(60.0);
-    let most = (2.0 * bandwidth).max(150.0);
+    let most = (2.0 * bandwidth).clamp(150.0, 1000.0);
     // Only a stage that drives itself knows what it is to follow.
     let error = match stage.bandwidth {
         Some(_) => tile("error", "error", "µm"),

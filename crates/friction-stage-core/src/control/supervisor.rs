@@ -8,7 +8,8 @@
 
 use super::controller::Terms;
 
-/// What a supervisor allows. Times in s. The values are assumed; each is a parameter of the node.
+/// What a supervisor allows. Times in s. The values are assumed; those of the
+/// controller node are parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SupervisorSettings {
     /// Samples per second, Hz.
