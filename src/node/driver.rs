@@ -267,6 +267,8 @@ impl Driver {
         let pause = format!("pause_at:={:?}", (end - start) as f64 * 1e-9);
         let added = ["mode:=lockstep", "wait_for_command:=true", pause.as_str()];
         let arguments = with(&run.stage_arguments, &added);
+        // Nothing of the nodes is there yet.
+        interrupt::check()?;
         let mut stage = Process::start(&self, "stage", &arguments, &run.log_stem)?;
         let arguments =
             with(&run.controller_arguments, &["wait_for_setpoint:=true", "priority:=0"]);
