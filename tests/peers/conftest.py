@@ -6,6 +6,7 @@ and a process that ends too early fails the test at once, with its log.
 """
 
 import os
+import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -80,3 +81,28 @@ def controller(start: Callable[..., Process], ros: Ros) -> Callable[..., Process
         return process
 
     return controller
+
+
+@pytest.fixture
+def disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A file: while it exists, programs that are started from now on wait when they write into a
+    recording or have removed a directory."""
+    library, stalls = tmp_path / "slow_disk.so", tmp_path / "stalls"
+    command = [
+        "cc",
+        "-O2",
+        "-Wall",
+        "-Werror",
+        "-shared",
+        "-fPIC",
+        "-o",
+        str(library),
+        str(Path(__file__).with_name("slow_disk.c")),
+    ]
+    subprocess.run(command, check=True, capture_output=True, timeout=60)
+    before = os.environ.get("LD_PRELOAD")
+    monkeypatch.setenv("LD_PRELOAD", f"{library}:{before}" if before else str(library))
+    monkeypatch.setenv("DISK_STALLS", str(stalls))
+    yield stalls
+    # A node that waits would not end.
+    stalls.unlink(missing_ok=True)

@@ -1,9 +1,7 @@
 """A disk that stalls while a stage records: in real time what the bag lacks is counted and said, in
 lockstep time waits."""
 
-import os
 import re
-import subprocess
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -15,34 +13,8 @@ from friction_stage_testing import Process
 from std_srvs.srv import SetBool
 from test_crashes import assert_no_holes, assert_python_reads, friction_stage, stamps
 
-HERE = Path(__file__).parent
 # Samples in real time that may wait for the recorder (docs/ros2.md, What a bag can lack).
 RING = 16_384
-
-
-@pytest.fixture
-def disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A file: while it exists, nodes that are started from now on wait when they write into a
-    recording."""
-    library, stalls = tmp_path / "slow_disk.so", tmp_path / "stalls"
-    command = [
-        "cc",
-        "-O2",
-        "-Wall",
-        "-Werror",
-        "-shared",
-        "-fPIC",
-        "-o",
-        str(library),
-        str(HERE / "slow_disk.c"),
-    ]
-    subprocess.run(command, check=True, capture_output=True, timeout=60)
-    before = os.environ.get("LD_PRELOAD")
-    monkeypatch.setenv("LD_PRELOAD", f"{library}:{before}" if before else str(library))
-    monkeypatch.setenv("DISK_STALLS", str(stalls))
-    yield stalls
-    # A node that waits would not end.
-    stalls.unlink(missing_ok=True)
 
 
 def samples(diagnostics: Diagnostics, more_than: int) -> int:
@@ -185,9 +157,7 @@ def test_a_node_that_is_ended_while_its_disk_stalls_ends_with_it_and_its_bag_is_
 
 
 @pytest.mark.parametrize("service", [False, True], ids=["alone", "during the end of a recording"])
-def test_another_signal_ends_a_node_whose_disk_does_not_answer(
-    ros, start, disk, tmp_path, service
-):
+def test_another_signal_ends_a_node_whose_disk_does_not_answer(ros, start, disk, tmp_path, service):
     process = stalled(start, ros, disk, tmp_path / "bag")
     if service:
         client = ros.node.create_client(SetBool, "/stage/record")

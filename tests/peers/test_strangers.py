@@ -182,8 +182,8 @@ def into_a_network() -> list[str]:
 @pytest.mark.skipif(
     not into_a_network(),
     reason="needs a second machine: the test makes one with a network namespace, which needs the "
-    "package iproute2, and root or "
-    "a kernel that lets users make namespaces (README, second command)",
+    "package iproute2, and root or a kernel that lets users make namespaces (README, second "
+    "command)",
 )
 def test_another_machine_does_not_reach_a_stage_of_this_machine(tmp_path):
     command = [
@@ -205,7 +205,8 @@ def test_another_machine_does_not_reach_a_stage_of_this_machine(tmp_path):
 
 @pytest.mark.skipif(
     "--pid" not in into_a_network(),
-    reason="needs a network and processes of its own, as root or as a user",
+    reason="needs a network and processes of its own: iproute2, and root or a kernel that lets "
+    "users make namespaces (README, second command)",
 )
 def test_nothing_on_another_machine_outlives_the_script_that_started_it(ros, tmp_path):
     mark = f"{tmp_path}/node"
