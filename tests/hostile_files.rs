@@ -131,6 +131,7 @@ fn whole_bag(
     home: &TempDir,
     type_name: &str,
     definition: &str,
+    joint: &str,
     position: impl Fn(u64) -> f64,
 ) -> PathBuf {
     let path = home.path().join("whole.mcap");
@@ -139,7 +140,7 @@ fn whole_bag(
     let schema = writer.add_schema(type_name, "ros2msg", definition.as_bytes()).unwrap();
     let channel = writer.add_channel(schema, "/stage/encoder", "cdr", &BTreeMap::new()).unwrap();
     for k in 0..400 {
-        let (log_time, data) = sample(k, position(k), "stage", "stage");
+        let (log_time, data) = sample(k, position(k), "stage", joint);
         let header = mcap::records::MessageHeader {
             channel_id: channel,
             sequence: k as u32,
@@ -292,8 +293,8 @@ fn definitions_without_an_end_are_told() {
         (format!("Type inside\n{position}"), "contains itself"),
         (format!("uint8[99999999999999999999999] x\n{position}"), "is no array type"),
     ] {
-        read_by_all(&whole_bag(&home, &JointState::type_name(), &definition, plain), &[]);
-        let path = whole_bag(&home, "own/msg/Type", &definition, plain);
+        read_by_all(&whole_bag(&home, &JointState::type_name(), &definition, "stage", plain), &[]);
+        let path = whole_bag(&home, "own/msg/Type", &definition, "stage", plain);
         let checked = friction_stage(&["check", text(&path), "--mapping", text(&mapping)]);
         tells(&checked, &[words]);
         read_by_all(&path, &[]);
@@ -430,6 +431,37 @@ fn texts_of_files_do_nothing_to_a_terminal() {
     }
 }
 
+#[test]
+fn texts_of_files_are_no_markup_on_pages_and_in_figures() {
+    let home = TempDir::new().unwrap();
+    let evil = "</script><script>alert(1)</script><img src=x onerror=alert(2)>&\"'";
+    let path = whole_bag(&home, &JointState::type_name(), &JointState::definition(), evil, plain);
+    // A file has no `/` in its name.
+    let table = home.path().join("<img src=x onerror=alert(3)>.csv");
+    // There and back at two speeds.
+    let (mut position, mut rows) = (0.0, String::new());
+    for k in 0..8000 {
+        let velocity = [0.01, -0.01, 0.02, -0.02][k / 2000];
+        position += 1e-3 * velocity;
+        let force = 5.0 * f64::signum(velocity) + 0.01 * (k % 3) as f64;
+        rows += &format!("{},{position},{force}\n", 1e-3 * k as f64);
+    }
+    std::fs::write(&table, format!("time,position,force\n{rows}")).unwrap();
+    let at = |name: &str| home.path().join(name);
+    let page = at("page.html");
+    let viewed = friction_stage(&["view", text(&path), text(&table), "--out", text(&page)]);
+    assert_eq!(viewed.code, Some(0), "{}", viewed.text);
+    let figure = at("<img src=x onerror=alert(4)>.svg");
+    let curve = ["friction-curve", text(&table), "--figure", text(&figure)];
+    let drawn = friction_stage(&curve);
+    assert!(matches!(drawn.code, Some(0 | 3)), "{}", drawn.text);
+    for written in [page, figure] {
+        let text = std::fs::read_to_string(&written).unwrap();
+        assert!(!text.contains("<img src") && !text.contains("<script>alert"));
+        assert!(text.contains("alert(3)"), "{} does not name its file", written.display());
+    }
+}
+
 /// Commands that read a text which a person wrote.
 fn readers(path: &Path, table: &Path) -> Vec<Ended> {
     let out = path.with_extension("out");
@@ -519,7 +551,7 @@ fn values_that_no_unit_can_mean_are_refused_with_their_place() {
     }
     let impossible = |k| if k == 250 { 1e308 } else { plain(k) };
     let (name, definition) = (JointState::type_name(), JointState::definition());
-    let path = whole_bag(&home, &name, &definition, impossible);
+    let path = whole_bag(&home, &name, &definition, "stage", impossible);
     let words = ["message at 1250000000 ns", "1e308"];
     tells(&friction_stage(&["check", text(&path), "--model", "guide_1"]), &words);
     read_by_all(&path, &[]);

@@ -10,6 +10,7 @@ use clap::{Args, Subcommand};
 use serde::Serialize;
 
 use super::progress::Progress;
+use super::sync::SyncArgs;
 use super::{Outcome, WrongArguments};
 use crate::cpu;
 use crate::directory;
@@ -60,6 +61,8 @@ pub struct DemoArgs {
     /// Seed of the sensor noise
     #[arg(long, default_value_t = 1)]
     pub seed: u32,
+    #[command(flatten)]
+    pub sync: SyncArgs,
     /// ROS domain of the run [default: one that nobody else on this machine uses]
     #[arg(long, value_name = "ID", value_parser = clap::value_parser!(u16).range(0..=232))]
     pub domain: Option<u16>,
@@ -90,6 +93,7 @@ impl Default for DemoArgs {
             rest: Conditioning::DEMO_REST,
             fine_steps: FINE_STEPS,
             seed: 1,
+            sync: SyncArgs::default(),
             domain: None,
             json: false,
         }
@@ -171,6 +175,7 @@ pub fn run(args: &DemoArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
                 format!("model:={guide}"),
                 format!("seed:={}", args.seed),
                 format!("record:={}", bag.display()),
+                args.sync.parameter(),
                 cpu.clone(),
             ]),
             controller_arguments: parameters(std::slice::from_ref(&cpu)),

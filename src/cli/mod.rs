@@ -20,6 +20,7 @@ pub mod replay;
 pub mod select;
 mod selection_output;
 pub mod sweep;
+pub mod sync;
 pub mod tune;
 pub mod view;
 

@@ -8,6 +8,7 @@ use clap::Args;
 use serde::Serialize;
 
 use super::progress::Progress;
+use super::sync::SyncArgs;
 use super::{Outcome, WrongArguments};
 use crate::cpu;
 use crate::directory::{SetAside, set_aside};
@@ -83,6 +84,8 @@ pub struct PlayArgs {
     /// Seed of the sensor noise
     #[arg(long, default_value_t = 1)]
     pub seed: u32,
+    #[command(flatten)]
+    pub sync: SyncArgs,
     /// ROS domain of the run [default: one that nobody else on this machine uses]
     #[arg(long, value_name = "ID", value_parser = clap::value_parser!(u16).range(0..=232))]
     pub domain: Option<u16>,
@@ -284,6 +287,7 @@ pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
             format!("control_rate:={:?}", settings.rate),
             format!("physics_rate:={:?}", Rates::of_control(settings.rate)?.physics()),
             format!("record:={}", args.record.display()),
+            args.sync.parameter(),
             cpu.clone(),
         ]),
         controller_arguments: file

@@ -126,6 +126,17 @@ mod tests {
     }
 
     #[test]
+    fn machines_without_number_fill_a_room_of_fixed_size() {
+        let machine = |number: u32| Ipv4Addr::from(0xc633_0000 + number);
+        for number in 0..3 * MOST as u32 {
+            add(machine(number));
+            assert!(is(machine(number)) && machines().len() <= MOST);
+        }
+        remove(machine(3 * MOST as u32 - 1));
+        assert!(!is(machine(3 * MOST as u32 - 1)));
+    }
+
+    #[test]
     fn what_is_cut_off_is_left_as_it_is() {
         let list = [&HEAD[..], &[0, 3, 0, 0], &parameter(0x0033, &[7; 24])].concat();
         for length in 0..list.len() {

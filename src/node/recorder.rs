@@ -7,7 +7,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering};
 use std::sync::mpsc;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, OnceLock};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -119,6 +119,10 @@ pub struct RecorderStatus {
     offered: AtomicU64,
     /// Why the last bag was closed early.
     pub fault: Mutex<Option<String>>,
+    /// The same of the first bag that was.
+    pub first_fault: OnceLock<String>,
+    /// The node ends: no loop waits for the disk any more.
+    is_ending: AtomicBool,
     /// Stamp of the last tick in the bag, ns.
     written: AtomicI64,
     /// Stamp of the controller's last state that was heard for the bag, ns; `i64::MIN` before.
@@ -141,6 +145,15 @@ impl RecorderStatus {
     /// The same of the open bag, or of the last one.
     pub fn lost_of_bag(&self) -> u64 {
         self.dropped_of_bag.load(Ordering::Relaxed) + self.refused.load(Ordering::Relaxed)
+    }
+
+    /// The node ends, and no loop waits for the bag any more: what was handed over is written.
+    pub fn end(&self) {
+        self.is_ending.store(true, Ordering::Release);
+    }
+
+    fn is_ending(&self) -> bool {
+        self.is_ending.load(Ordering::Acquire)
     }
 
     /// Whether samples find no room, and the recorder does not look.
@@ -217,7 +230,8 @@ impl TickFeed {
     }
 
     /// The same for a loop that may wait, because simulated time stands still meanwhile: never
-    /// drops, and comes back when the bag lags no more than `BACKLOG` samples behind.
+    /// drops, and comes back when the bag lags no more than `BACKLOG` samples behind. Once the node
+    /// ends it waits no longer, and counts what finds no room.
     #[inline]
     pub fn insist(&mut self, tick: &Tick) {
         const PAUSE: Duration = Duration::from_micros(100);
@@ -230,10 +244,17 @@ impl TickFeed {
             if self.ring.push(*tick).is_ok() {
                 break;
             }
+            if self.status.is_ending() {
+                self.status.refused.fetch_add(1, Ordering::Relaxed);
+                break;
+            }
             std::thread::sleep(PAUSE);
         }
         self.status.offered.store(tick.sample.index, Ordering::Release);
-        while is_recording(&self.status) && self.status.is_behind(tick.stamp - self.backlog) {
+        while is_recording(&self.status)
+            && self.status.is_behind(tick.stamp - self.backlog)
+            && !self.status.is_ending()
+        {
             std::thread::sleep(PAUSE);
         }
     }
@@ -664,11 +685,17 @@ impl Work {
     fn write(&mut self, action: impl FnOnce(&mut OpenBag, &StageNames) -> Result<(), BagError>) {
         let Some(bag) = &mut self.bag else { return };
         if let Err(error) = action(bag, &self.setup.names) {
-            let directory = bag.writer.directory().display().to_string();
-            tracing::error!(
-                "recording ends: {error}. What was written until now is in {directory}; \
-                 `friction-stage recover {directory}` makes it whole"
-            );
+            let directory = bag.writer.directory();
+            if directory.exists() {
+                let directory = directory.display();
+                tracing::error!(
+                    "recording ends: {error}. What was written until now is in {directory}; \
+                     `friction-stage recover {directory}` makes it whole"
+                );
+            } else {
+                tracing::error!("recording ends: {error}. Nothing of it is left");
+            }
+            let _ = self.status.first_fault.set(error.to_string());
             *lock(&self.status.fault) = Some(error.to_string());
             self.status.recording.store(false, Ordering::Release);
             self.count_refused();

@@ -241,15 +241,16 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
         let _ = ended.send(());
         result
     })?;
-    let end = background.run(loop_ended)?;
+    let end = background.run(loop_ended);
+    recorded.end();
+    let end = end?;
     work.join().map_err(|_| anyhow::anyhow!("the loop of the stage ended by a panic"))??;
     recorder.join();
-    let fault = lock(&recorded.fault).clone();
     match end {
-        End::Signal if fault.is_some() => {
-            anyhow::bail!("the recording is not whole: {}", fault.unwrap_or_default())
-        }
         End::Signal => {
+            if let Some(fault) = recorded.first_fault.get() {
+                anyhow::bail!("a recording is not whole: {fault}");
+            }
             let lost = recorded.lost();
             if lost > 0 {
                 tracing::warn!("the recordings lack {lost} samples");

@@ -205,6 +205,8 @@ mod tests {
         assert_eq!(heard(), b"first");
         pass_on([1; 12], 1, b"first");
         pass_on([2; 12], 2, b"of another");
+        // With a number that ours does not reach for long, ours would not be sent on until then.
+        pass_on([1; 12], 2 + LARGEST_STEP, b"forged");
         pass_on([1; 12], 2, b"second");
         assert_eq!(heard(), b"second");
         remove(participant(1));

@@ -273,7 +273,7 @@ def test_a_command_says_that_its_recording_is_not_whole(domain, tmp_path):
     run = subprocess.run(
         [*command, "--record", str(tmp_path / "bag")], capture_output=True, text=True, timeout=60
     )
-    assert run.returncode == 1 and "the recording is not whole: no space left" in run.stderr, (
+    assert run.returncode == 1 and "a recording is not whole: no space left" in run.stderr, (
         run.stderr
     )
 

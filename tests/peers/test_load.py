@@ -267,8 +267,22 @@ def value(status, key: str) -> str:
 def test_a_recording_whose_directory_is_removed_fails(ros, stage, tmp_path):
     import shutil
 
-    process = stage(mode="realtime", control_rate=1000.0, record=tmp_path / "bag")
+    process = stage(
+        mode="realtime", control_rate=1000.0, record=tmp_path / "bag", record_into=tmp_path
+    )
     shutil.rmtree(tmp_path / "bag")
     status = Diagnostics(ros).until(lambda s: s.level == ERROR, "the error")
     assert "removed" in status.message
+    # The stage itself is sound: it records again, elsewhere.
+    assert ros.call(SetBool, "/stage/record", data=True).success
+    Diagnostics(ros).until(lambda s: value(s, "recording") == "true", "another recording")
+    begun = int(value(Diagnostics(ros).newest(), "sample"))
+    Diagnostics(ros).until(lambda s: int(value(s, "sample")) > begun + 1000, "1000 samples")
+    answer = ros.call(SetBool, "/stage/record", data=False)
+    assert answer.success, answer.message
+    (again,) = tmp_path.glob("*/metadata.yaml")
+    encoder = stamps(bags.with_rosbags(again.parent)["/stage/encoder"])
+    assert encoder == list(range(encoder[0], encoder[-1] + 1_000_000, 1_000_000))
+    # The first one is not forgotten.
     process.stop(expected=1)
+    assert "Nothing of it is left" in process.log()

@@ -83,3 +83,33 @@ def test_a_loop_of_its_own_that_does_not_hold_is_stopped_until_it_is_enabled(ros
     diagnostics.refusal("refused_commands", 1, "the loop was stopped")
     assert ros.call(SetBool, "/stage/enable", data=True).success
     diagnostics.until(lambda status: status.level == OK, "a loop that holds")
+
+
+@pytest.mark.parametrize("mode", ["realtime", "lockstep"])
+def test_stage_and_controller_say_the_same_of_a_loop_that_was_stopped(
+    ros, stage, controller, tmp_path, mode
+):
+    model = tmp_path / "weak.yaml"
+    model.write_text(
+        "mass: 40.0\nguides: [guide_1, guide_1, guide_1, guide_1]\nmotor: {force_limit: 20.0}\n"
+    )
+    stage(model=str(model), mode=mode, control_rate=1000.0)
+    controller(rate=1000.0, bandwidth=30.0)
+    of_stage, of_controller = Diagnostics(ros), Diagnostics(ros, "/controller: controller")
+    for one in (of_stage, of_controller):
+        one.until(lambda status: status.level == OK and status.message == "running", "a sound loop")
+    ros.follow([{"time": 0.2, "positions": [0.02], "velocities": [0.0]}])
+    status = of_controller.until(lambda status: status.level == ERROR, "the stop")
+    assert status.message.startswith("stopped: "), status
+    # The controller is silent: the stage moves on without force, or waits for an answer.
+    of_stage.until(
+        lambda status: (
+            "commands have stopped" in status.message
+            if mode == "realtime"
+            else status.level == ERROR and "the answer to the last sample" in status.message
+        ),
+        "the same from the stage",
+    )
+    assert ros.call(SetBool, "/controller/enable", data=True).success
+    for one in (of_stage, of_controller):
+        one.until(lambda status: status.level == OK and status.message == "running", "a sound loop")

@@ -99,11 +99,7 @@ def test_in_lockstep_time_waits_for_a_stalled_disk_and_nothing_is_lost(
     disk.touch()
     # What was on its way when it stalled.
     at = number(diagnostics.newest(), "sample")
-    still, seen = 0, None
-    while still < 5:
-        status = diagnostics.newest()
-        still = still + 1 if number(status, "sample") == seen else 0
-        seen = number(status, "sample")
+    seen = standstill(diagnostics)
     # Of a chunk of half a second that was not yet due, at the rate of this machine.
     assert seen - at < 40_000, f"time went on for {seen - at} samples"
     disk.unlink()
@@ -153,6 +149,44 @@ def test_a_node_that_is_ended_while_its_disk_stalls_ends_with_it_and_its_bag_is_
     process.ended(expected=0)
     messages = assert_python_reads(tmp_path / "bag")
     assert_no_holes(messages["/stage/encoder"], 250_000)
+    assert friction_stage("check", tmp_path / "bag", code=0)["complete"]
+
+
+def standstill(diagnostics: Diagnostics) -> int:
+    """The sample at which time stands still."""
+    still, seen = 0, None
+    while still < 5:
+        status = diagnostics.newest()
+        still = still + 1 if number(status, "sample") == seen else 0
+        seen = number(status, "sample")
+    return seen
+
+
+@pytest.mark.parametrize("signals", [1, 2])
+def test_a_lockstep_that_waits_for_its_disk_ends_on_signals_as_real_time_does(
+    ros, start, disk, tmp_path, signals
+):
+    process = start("stage_node", mode="lockstep", record=tmp_path / "bag", answer_timeout=60.0)
+    start("controller_node")
+    diagnostics = Diagnostics(ros)
+    samples(diagnostics, 2000)
+    disk.touch()
+    last = standstill(diagnostics)
+    process.popen.terminate()
+    ros.until(lambda: "the disk of the recording does not answer" in process.log(), "its words")
+    assert process.popen.poll() is None
+    if signals == 2:
+        process.popen.terminate()
+        process.ended(expected=1)
+        disk.unlink()
+        friction_stage("recover", tmp_path / "bag", "--out", tmp_path / "whole", code=3)
+        assert_no_holes(assert_python_reads(tmp_path / "whole")["/stage/encoder"], 250_000)
+        return
+    disk.unlink()
+    process.ended(expected=0)
+    encoder = assert_python_reads(tmp_path / "bag")["/stage/encoder"]
+    assert_no_holes(encoder, 250_000)
+    assert len(encoder) > last
     assert friction_stage("check", tmp_path / "bag", code=0)["complete"]
 
 

@@ -2,4 +2,5 @@
 #![warn(missing_docs)]
 
 pub mod mutate;
+mod running_node;
 pub mod targets;

@@ -20,11 +20,13 @@ use friction_stage_data::signals::{Mapping, Proposal, Window};
 use friction_stage_data::wire::{Setpoint, setpoint};
 use friction_stage_lab::Application;
 
+use crate::running_node;
+
 /// A reader of bytes; the directory is one that it may write to.
 pub type Target = fn(&[u8], &Path);
 
 /// The targets by the name of their corpus.
-pub const TARGETS: [(&str, Target); 13] = [
+pub const TARGETS: [(&str, Target); 14] = [
     ("mcap", mcap),
     ("sqlite", sqlite),
     ("metadata", metadata),
@@ -38,6 +40,7 @@ pub const TARGETS: [(&str, Target); 13] = [
     ("motion", motion),
     ("trajectory", trajectory),
     ("arguments", arguments),
+    ("rtps", running_node::rtps),
 ];
 
 /// Whether a target works on a file, which takes longer.
