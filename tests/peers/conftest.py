@@ -39,12 +39,13 @@ def processes(friction_stage_processes: list[Process]) -> list[Process]:
 
 @pytest.fixture
 def start(domain: int, processes: list[Process], tmp_path: Path) -> Callable[..., Process]:
-    """start(program, **parameters): runs a node of the project, with `__` for `.` in the names of
-    parameters."""
+    """start(program, *arguments, **parameters): runs a program of the project, or that of a path,
+    with `__` for `.` in the names of parameters."""
 
     def start(name: str, *arguments: str, **parameters: object) -> Process:
-        command = [str(program(name)), *arguments, *ros_arguments(parameters)]
-        process = Process(command, tmp_path / f"{name}-{len(processes)}.log")
+        given = ros_arguments(parameters) if parameters else []
+        command = [str(program(name)), *arguments, *given]
+        process = Process(command, tmp_path / f"{Path(name).name}-{len(processes)}.log")
         processes.append(process)
         return process
 

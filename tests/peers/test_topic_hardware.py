@@ -4,6 +4,7 @@ simulated time."""
 import json
 import math
 import os
+import signal
 import subprocess
 import time
 
@@ -118,6 +119,22 @@ def test_lockstep_never_stands_still_with_clocks_that_show_the_tick_before(ros, 
         assert hardware.late_stamps > 0
         assert number(status, "refused_commands") == number(status, "unanswered_samples") == 0
         assert status.level == OK
+
+
+def test_time_that_the_stage_was_stopped_is_no_silence_of_the_manager(ros, stage):
+    # As a machine that is too busy stops it, or a debugger.
+    timeout = 0.3
+    process = stage(mode="lockstep", control_rate=500.0, answer_timeout=timeout)
+    diagnostics = Diagnostics(ros)
+    with TopicHardware(500.0, TARGET, DURATION, use_sim_time=True, context=ros.context) as hardware:
+        ros.until(lambda: hardware.cycles > 100, "the loop")
+        for _ in range(5):
+            process.popen.send_signal(signal.SIGSTOP)
+            stopped, before = time.monotonic(), hardware.cycles
+            ros.until(lambda: time.monotonic() - stopped > 2 * timeout, "a long stop")
+            process.popen.send_signal(signal.SIGCONT)
+            ros.until(lambda: hardware.cycles > before + 50, "the loop again")
+        assert number(diagnostics.newest(), "unanswered_samples") == 0
 
 
 @pytest.fixture

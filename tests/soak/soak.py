@@ -91,7 +91,8 @@ def join(number: int, ros: Ros, processes: list[Process], out: Path) -> Process:
     program = str(ROOT / "tests/peers/subscriber.py")
     joined = Process([sys.executable, program, *JOINED], out / f"subscriber_{number % 2}.log")
     processes.append(joined)
-    ros.until(lambda: "heard all" in joined.log(), f"subscriber {number}")
+    # Python imports rclpy for half a minute where others want the processors, too.
+    ros.until(lambda: "heard all" in joined.log(), f"subscriber {number}", timeout=180.0)
     return joined
 
 
