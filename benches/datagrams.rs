@@ -2,9 +2,9 @@
 //!
 //! `cargo bench --bench datagrams -- [--rounds N]`
 //!
-//! From a writer of discovery, which the DDS library knows from the start, and from one that it does
-//! not know yet, whose datagrams the filter also keeps. The ways take turns; compare them, and with
-//! the round trip of `--bench lockstep`, not the numbers of two machines.
+//! From a writer of discovery, which the DDS library knows from the start, and from one that it
+//! does not know yet, whose datagrams the filter also keeps. The ways take turns; compare them, and
+//! with the round trip of `--bench lockstep`, not the numbers of two machines.
 
 use std::net::UdpSocket;
 use std::os::fd::AsRawFd;
@@ -118,8 +118,8 @@ unsafe fn through(socket: libc::c_int, message: *mut libc::msghdr) -> libc::ssiz
     unsafe { libc::recvmsg(socket, message, 0) }
 }
 
-/// A sample of 200 bytes of this writer with its destination, its time and a HEARTBEAT after it (DDSI-RTPS 2.5,
-/// 9.4.5).
+/// A sample of 200 bytes of this writer with its destination, its time and a HEARTBEAT after it
+/// (DDSI-RTPS 2.5, 9.4.5).
 fn sample(writer: [u8; 4]) -> Vec<u8> {
     let submessage = |kind: u8, flags: u8, body: &[u8]| {
         [&[kind, flags][..], &(body.len() as u16).to_le_bytes(), body].concat()
