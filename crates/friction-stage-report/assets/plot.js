@@ -426,13 +426,15 @@
     // so. As `chart.rs` for the drawings.
     widen() {
       const lower = this.curves.map(() => 0), told = [];
+      // No line break parts a number from its unit.
+      const quoted = (name) => `\u201c${name.replace(/(\d) /g, "$1\u00a0")}\u201d`;
       this.curves.forEach((upper, k) => {
         const below = this.curves.slice(0, k).filter((one, j) => this.liesOn(k, j) && this.liesOn(j, k));
         below.forEach((one) => { lower[this.curves.indexOf(one)] += 1; });
         const names = below.map((one) => one.name).filter((name) => name !== "")
-          .map((name) => `\u201c${name}\u201d`);
+          .map(quoted);
         if (names.length > 0 && upper.name !== "") {
-          told.push(`\u201c${upper.name}\u201d lies on ${names.join(" and on ")}`);
+          told.push(`${quoted(upper.name)} lies on ${names.join(" and on ")}`);
         }
       });
       this.curves.forEach((curve, k) => {

@@ -290,7 +290,14 @@ impl Page {
         let class = |align: Align| if align == Align::Right { " class=\"right\"" } else { "" };
         self.body.push_str("<thead><tr>");
         for (name, align) in &table.columns {
-            self.add(format_args!("<th{}>{}</th>", class(*align), escaped(name)));
+            // The unit at the end of a name is one word.
+            let name = match name.rsplit_once(", ") {
+                Some((quantity, unit)) if unit.len() <= LONGEST_UNIT => {
+                    format!("{quantity}, {}", unit.replace(' ', "\u{a0}"))
+                }
+                _ => name.clone(),
+            };
+            self.add(format_args!("<th{}>{}</th>", class(*align), shown(&name)));
         }
         self.body.push_str("</tr></thead>\n<tbody>\n");
         for row in &table.rows {
@@ -311,7 +318,7 @@ impl Page {
         let number = self.figures;
         // A curve below another one is not taken for one that is missing.
         let overlaps = chart.overlaps_in_words().map_or(String::new(), |words| format!(" {words}"));
-        let (caption, overlaps) = (shown(caption), escaped(&overlaps));
+        let (caption, overlaps) = (shown(caption), shown(&overlaps));
         let data = self.columns.chart(chart);
         let class = if data.is_none() { " class=\"has-narrow\"" } else { "" };
         self.add(format_args!(
@@ -415,6 +422,9 @@ pub fn escaped(text: &str) -> String {
 fn shown(text: &str) -> String {
     escaped(&unbroken(text))
 }
+
+/// Length of a unit at the end of a name, bytes.
+const LONGEST_UNIT: usize = 8;
 
 /// Colours with a contrast of at least 4.5 on their ground.
 pub(crate) const STYLE: &str = include_str!("page.css");

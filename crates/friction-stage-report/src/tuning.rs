@@ -350,7 +350,8 @@ pub fn tuning_page(
     let motions = [(StageMotion::PlainMass, "free mass".to_owned(), None)].into_iter().chain(
         SHOWN.map(|(share, words)| {
             let amplitude = share * distance;
-            let name = format!("{} µm, {words}", short(amplitude * 1e6));
+            let length = in_prefix_short(amplitude, &model.joint.unit("m"));
+            let name = format!("{length}, {words}");
             (StageMotion::Amplitude(amplitude), name, Some(amplitude))
         }),
     );
