@@ -150,7 +150,9 @@
     }
     if (!message.t) return;
     data.t.push(...message.t);
-    for (const name of signals) data[name].push(...told[name]);
+    for (const name of signals) {
+      data[name].push(...message[name].map((v) => (v == null ? null : v * SENT[name])));
+    }
     const least = data.t[data.t.length - 1] - SECONDS;
     const old = data.t.findIndex((t) => t >= least);
     if (old > 0) {

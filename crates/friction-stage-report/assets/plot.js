@@ -87,18 +87,22 @@
     const place = (v) => Math.asinh(v / even), apart = (place(high) - place(low)) / room;
     const every = Math.max(1, Math.ceil(apart / Math.LN10));
     const first = Math.floor(Math.log10(even)) - 1, last = Math.floor(Math.log10(largest));
-    const sizes = [];
-    for (let power = last; power >= first; power--) {
-      if (power % every !== 0) continue;
-      // Two neighbours of 1, 2 and 5 are as far from each other as 2 from 1.
-      for (const factor of apart <= Math.LN2 ? [5, 2, 1] : [1]) {
-        const size = Number(`${factor}e${power}`), larger = sizes[sizes.length - 1];
-        if (size > largest || place(size) < apart) continue;
-        if (larger === undefined || place(larger) - place(size) >= apart) sizes.push(size);
+    const marksOf = (factors) => {
+      const sizes = [];
+      for (let power = last; power >= first; power--) {
+        if (power % every !== 0) continue;
+        for (const factor of factors) {
+          const size = Number(`${factor}e${power}`), larger = sizes[sizes.length - 1];
+          if (size > largest || place(size) < apart) continue;
+          if (larger === undefined || place(larger) - place(size) >= apart) sizes.push(size);
+        }
       }
-    }
-    const all = [...sizes.map((at) => -at), 0, ...sizes.reverse()];
-    const marks = all.filter((at) => at >= low && at <= high).map((at) => ({ at, named: true }));
+      const all = [...sizes.map((at) => -at), 0, ...sizes.reverse()];
+      return all.filter((at) => at >= low && at <= high).map((at) => ({ at, named: true }));
+    };
+    // Two neighbours of 1, 2 and 5 are as far from each other as 2 from 1.
+    const whole = marksOf([1]);
+    const marks = apart <= Math.LN2 || whole.length < 5 ? marksOf([5, 2, 1]) : whole;
     // Of a view away from zero there are few.
     return marks.length >= 3 ? marks : evenMarks(low, high, room);
   };

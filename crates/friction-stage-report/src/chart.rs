@@ -399,7 +399,8 @@ impl Chart {
         }
         // Of a unit that begins with a length or an angle there are only parts.
         let from = if unit.starts_with(['m', 'r']) { 3 } else { 0 };
-        let far = |size: f64| ((middle / size).log10() - 1.0).abs();
+        // Between 1 and 1000 where that may be.
+        let far = |size: f64| ((middle / size).log10() - 1.5).abs();
         let fit = PREFIXES[from..].iter().copied().filter(|(size, _)| is_plain(*size));
         fit.min_by(|a, b| far(a.0).total_cmp(&far(b.0)))
     }
@@ -1103,10 +1104,13 @@ fn asinh_marks(range: &Span, even: f64, room: f64) -> Vec<f64> {
     };
     // Two neighbours of 1, 2 and 5 are as far from each other as 2 from 1.
     let finer = apart <= std::f64::consts::LN_2;
-    let marks = marks(if finer { &[5.0, 2.0, 1.0] } else { &[1.0] });
+    let (whole, parted) = (marks(&[1.0]), marks(&[5.0, 2.0, 1.0]));
+    let marks = if finer || whole.len() < FEW { parted } else { whole };
     if marks.len() >= 3 { marks } else { even_marks(range) }
 }
 
+/// Fewer marks than this are so few that others go between them.
+const FEW: usize = 5;
 /// Times the even part of an axis up to which its marks have even steps.
 const EVEN: f64 = 5.0;
 
