@@ -212,6 +212,49 @@ fn the_page_fits_a_phone_follows_the_colours_of_the_system_and_prints_its_drawin
     open.assert_quiet();
 }
 
+#[test]
+fn a_curve_is_wider_only_while_another_one_lies_on_it() {
+    let mut page = Page::new("Plots", "of a test");
+    let mut chart = Chart::new("Two curves", "time, s", "position, mm");
+    let wave = |off: f64| (0..2000).map(move |k| (f64::from(k), (1e-2 * f64::from(k)).sin() + off));
+    chart.add("below", 0, Style::Line, wave(0.0));
+    chart.add("above", 1, Style::Line, wave(0.004));
+    page.figure(&chart, "Caption.").expect("a chart");
+    let Some(mut open) = open_page(WIDE, page.finish()) else { return };
+    let said = shown(0, ".overlaps");
+    let lies_on = format!("{said}.includes('\u{201c}above\u{201d} lies on \u{201c}below\u{201d}')");
+    let apart = format!("{said} === ''");
+    let swatch = "document.querySelector('.plot-curve i').style.borderTopWidth";
+    open.browser.wait_until(&lies_on);
+    assert_eq!(open.browser.text(swatch), "5px");
+    open.browser.evaluate("document.querySelector('.plot-stage').focus()");
+    for _ in 0..7 {
+        open.browser.key("+");
+    }
+    open.browser.wait_until(&apart);
+    assert_eq!(open.browser.text(swatch), "3px");
+    open.browser.key("0");
+    open.browser.wait_until(&lies_on);
+    let button = "document.querySelectorAll('.plot-curve')[1]";
+    open.browser.click(button);
+    open.browser.wait_until(&apart);
+    open.browser.click(button);
+    open.browser.wait_until(&lies_on);
+    open.assert_quiet();
+}
+
+#[test]
+fn a_drawing_has_the_colours_of_the_plots_in_the_dark_as_well() {
+    let Some(mut open) = open(WIDE) else { return };
+    let stroke = "getComputedStyle([...document.querySelectorAll('figure > svg')[2]\
+                  .querySelectorAll('polyline')].pop()).stroke";
+    assert_eq!(open.browser.text(stroke), "rgb(0, 114, 178)");
+    open.browser.look(Look { width: 1280, dark: true });
+    open.browser.wait_until(&format!("{stroke} === 'rgb(74, 168, 224)'"));
+    assert!(open.pixels(0, [74, 168, 224]).0 > 50.0);
+    open.assert_quiet();
+}
+
 /// On less than a decade, on two that begin anywhere, and on more than numbers of 64 bits resolve.
 #[test]
 fn a_logarithmic_axis_has_its_numbers_whatever_it_spans() {

@@ -107,7 +107,8 @@ fn a_running_stage_is_watched_moved_and_recorded_from_the_page() {
     assert_eq!(browser.text(places), before_recording);
 
     // 10 µm, and back by as much.
-    let position = format!("Number({})", text("position"));
+    // mm, whatever the unit in which it is shown.
+    let position = "(1e3 * Number(document.getElementById('position').dataset.value))".to_owned();
     assert!(browser.text("document.getElementById('plots').textContent").contains("setpoint"));
     let before = browser.number(&position);
     browser.click("document.getElementById('forth')");

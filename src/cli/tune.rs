@@ -158,8 +158,14 @@ pub fn run(args: &TuneArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         })
         .transpose()?;
     let measured = measured.as_ref();
-    let (page, figures) =
-        tuning_page(&name_of(Path::new(&args.model)), &model, &tuning, measured, args.seed)?;
+    let (page, figures) = tuning_page(
+        &name_of(Path::new(&args.model)),
+        &model,
+        &plan.application,
+        &tuning,
+        measured,
+        args.seed,
+    )?;
     drop(progress);
     results.create()?;
     results.write("report.html", &page)?;

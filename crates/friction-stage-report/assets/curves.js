@@ -2,6 +2,8 @@
 // straight lines between them.
 "use strict";
 const curves = (() => {
+  // Radius of a sample that no line joins, px.
+  const DOT = 1.2;
   // First place in a growing column whose value is not below x.
   const place = (xs, x) => {
     let low = 0, high = xs.length;
@@ -50,12 +52,18 @@ const curves = (() => {
   // Straight lines from point to point. Those of uPlot put the many points of a column of pixels on
   // one abscissa, which makes stairs of a slope.
   const straight = (u, series) => {
-    const path = new Path2D();
-    let joined = false;
-    for (const point of points(u, series)) {
-      if (point !== null) path[joined ? "lineTo" : "moveTo"](...point);
-      joined = point !== null;
-    }
+    const path = new Path2D(), all = points(u, series);
+    all.forEach((point, k) => {
+      if (point === null) return;
+      const [before, after] = [all[k - 1] ?? null, all[k + 1] ?? null];
+      path[before ? "lineTo" : "moveTo"](...point);
+      // A sample between two gaps is a dot.
+      if (!before && !after) {
+        const radius = DOT * devicePixelRatio;
+        path.moveTo(point[0] + radius, point[1]);
+        path.arc(...point, radius, 0, 2 * Math.PI);
+      }
+    });
     return { stroke: path, fill: null, clip: null, band: null, gaps: null, flags: 1 };
   };
   return { place, decimated, points, straight };

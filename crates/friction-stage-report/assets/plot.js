@@ -2,16 +2,16 @@
 // off, by mouse and by keyboard. The drawing that stands in the page is kept for print.
 "use strict";
 (() => {
-  const LIGHT = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#5a5a5a", "#e69f00", "#56b4e9"];
-  const DARK = ["#4aa8e0", "#ff8a3c", "#2fc79a", "#e6a3c8", "#b9c0c9", "#f2b632", "#9bd5f7"];
+  const COLOURS = 8;
   const COLUMN_PIXELS = 1;
   // What a logarithmic ordinate shows below its highest point, as the drawings.
   const LEAST = 1e-12;
+  // By how much a line is wider than each line that lies on it, px; at how many columns, and within
+  // which part of the height, it does.
+  const WIDER = 2, COMPARED = 100, NEAR = 0.006;
   const dark = matchMedia("(prefers-color-scheme: dark)");
-  const colour = (index) => (dark.matches ? DARK : LIGHT)[index % LIGHT.length];
-  // Those of the bands begin at the other end.
-  const bandColour = (index) => colour(LIGHT.length * 8 - 2 - index);
   const ink = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+  const colour = (index) => ink(`--curve-${index % COLOURS}`);
 
   const bytes = (text) => {
     const raw = atob(text);
@@ -79,26 +79,32 @@
     return marks;
   };
   // Marks of an axis that is even near zero and logarithmic beyond: zero and whole powers on both
-  // sides, with 2 and 5 of each where these are few; even steps where few of them are seen.
+  // sides, with 2 and 5 of each where these have room; even steps where few of them are seen. From
+  // the largest down to zero each is left out that is too near to one that is there.
   const asinhMarks = (low, high, even, room) => {
     const largest = Math.max(Math.abs(low), Math.abs(high));
     if (largest < 5 * even) return evenMarks(low, high, room);
-    const first = Math.ceil(Math.log10(even)), last = Math.floor(Math.log10(largest));
-    const sides = Math.max(1, (low < -even) + (high > even));
-    const every = Math.max(1, Math.ceil((sides * (last - first + 1)) / room));
-    const marks = (factors) => {
+    const place = (v) => Math.asinh(v / even), apart = (place(high) - place(low)) / room;
+    const every = Math.max(1, Math.ceil(apart / Math.LN10));
+    const first = Math.floor(Math.log10(even)) - 1, last = Math.floor(Math.log10(largest));
+    const marksOf = (factors) => {
       const sizes = [];
-      for (let power = first; power <= last; power += every) {
-        for (const factor of factors) sizes.push(Number(`${factor}e${power}`));
+      for (let power = last; power >= first; power--) {
+        if (power % every !== 0) continue;
+        for (const factor of factors) {
+          const size = Number(`${factor}e${power}`), larger = sizes[sizes.length - 1];
+          if (size > largest || place(size) < apart) continue;
+          if (larger === undefined || place(larger) - place(size) >= apart) sizes.push(size);
+        }
       }
-      const all = [...sizes.map((at) => -at).reverse(), 0, ...sizes];
+      const all = [...sizes.map((at) => -at), 0, ...sizes.reverse()];
       return all.filter((at) => at >= low && at <= high).map((at) => ({ at, named: true }));
     };
-    const whole = marks([1]);
-    if (whole.length >= 4) return whole;
+    // Two neighbours of 1, 2 and 5 are as far from each other as 2 from 1.
+    const whole = marksOf([1]);
+    const marks = apart <= Math.LN2 || whole.length < 5 ? marksOf([5, 2, 1]) : whole;
     // Of a view away from zero there are few.
-    const finer = marks([1, 2, 5]);
-    return finer.length >= 3 ? finer : evenMarks(low, high, room);
+    return marks.length >= 3 ? marks : evenMarks(low, high, room);
   };
   // Where a value is along an axis, and back.
   const spread = (axis) => {
@@ -255,38 +261,49 @@
     legend(parent) {
       const named = new Map();
       this.curves.forEach((curve, index) => {
+        // One without points stands for all dashed curves without a name.
+        if (curve.x.length === 0 && curve.dashed && curve.name !== "") {
+          const dashed = this.curves.map((other, k) => k)
+            .filter((k) => this.curves[k].name === "" && this.curves[k].dashed);
+          this.button(parent, curve, [index, ...dashed]);
+          return;
+        }
         // A curve without a name is toggled with the one of its colour.
         const partner = curve.name === ""
           ? this.curves.find((other) => other.name !== "" && other.colour === curve.colour) : null;
         if (partner && named.has(partner)) { named.get(partner).push(index); return; }
         const group = [index];
         named.set(curve, group);
-        const button = element(parent, "button", { type: "button", className: "plot-curve" });
-        button.setAttribute("aria-pressed", "true");
-        curve.swatch = element(button, "i", {});
-        if (curve.dashed) curve.swatch.className = "dashed";
-        else if (curve.wider) curve.swatch.style.borderTopWidth = `${3 + curve.wider}px`;
-        if (!curve.line) curve.swatch.className = curve.open ? "ring" : "mark";
-        element(button, "span", { textContent: curve.name });
-        curve.out = element(button, "output", { className: "plot-value" });
-        button.addEventListener("click", () => {
-          const on = !curve.on;
-          for (const one of group) {
-            this.curves[one].on = on;
-            this.u.setSeries(one + 1, { show: on });
-          }
-          button.setAttribute("aria-pressed", String(on));
-        });
+        this.button(parent, curve, group);
       });
-      this.chart.bands.forEach((band, index) => {
+      this.chart.bands.forEach((band) => {
         if (band.name === "" || level(band)) return;
         const key = element(parent, "span", { className: "plot-band" });
         band.swatch = element(key, "i", { className: band.low === band.high ? "dotted" : "" });
-        band.index = index;
         element(key, "span", { textContent: band.name });
       });
       // At the end: it comes and goes with the cursor, and moves nothing.
       this.at = element(parent, "span", { className: "plot-at", textContent: "" });
+    }
+
+    // Switches a curve, and what belongs to it, off and on.
+    button(parent, curve, group) {
+      const button = element(parent, "button", { type: "button", className: "plot-curve" });
+      button.setAttribute("aria-pressed", "true");
+      curve.swatch = element(button, "i", {});
+      if (curve.dashed) curve.swatch.className = "dashed";
+      if (!curve.line) curve.swatch.className = curve.open ? "ring" : "mark";
+      element(button, "span", { textContent: curve.name });
+      curve.out = element(button, "output", { className: "plot-value" });
+      button.addEventListener("click", () => {
+        const on = !curve.on;
+        for (const one of group) {
+          this.curves[one].on = on;
+          this.u.setSeries(one + 1, { show: on });
+        }
+        button.setAttribute("aria-pressed", String(on));
+        this.u.redraw(true);
+      });
     }
 
     buttons(parent) {
@@ -367,15 +384,16 @@
         series: [{}, ...this.curves.map((curve) => ({
           label: curve.name, show: curve.on, stroke: colour(curve.colour), spanGaps: false,
           // Points are not moved to whole pixels, as those of the axes are.
-          pxAlign: 0, width: (curve.dashed ? 1 : 1.6) + curve.wider,
+          pxAlign: 0, width: this.lineWidth(curve),
           dash: curve.dashed ? [5, 4] : undefined,
           paths: curve.line ? curves.straight : () => null,
-          points: { show: curve.marks > 0, size: curve.marks + curve.wider, width: curve.open ? 2 : 1,
+          points: { show: curve.marks > 0, size: curve.marks, width: curve.open ? 2 : 1,
             fill: curve.open ? "transparent" : colour(curve.colour) },
         }))],
         cursor: { drag: { x: true, y: false, setScale: false }, points: { show: false },
           bind: { dblclick: () => () => { this.show(...this.whole, true); } } },
         hooks: {
+          drawClear: [() => this.widen()],
           drawAxes: [(u) => this.drawBands(u)],
           draw: [(u) => this.drawEdges(u), (u) => this.drawLabels(u)],
           setCursor: [(u) => this.tell(u.cursor.left >= 0 ? u.posToVal(u.cursor.left, "x") : null)],
@@ -393,14 +411,84 @@
         if (curve.swatch) curve.swatch.style.borderColor = colour(curve.colour);
       }
       for (const band of chart.bands) {
-        if (band.swatch) band.swatch.style.borderColor = bandColour(band.index);
+        if (band.swatch) band.swatch.style.borderColor = colour(band.colour);
       }
     }
 
     data() {
       const columns = Math.max(200, this.stage.clientWidth) / COLUMN_PIXELS;
-      return uPlot.join(this.curves.map((curve) =>
-        curves.decimated(curve.x, curve.y, ...this.shown, columns, (y) => this.has(y))));
+      this.drawn = this.curves.map((curve) =>
+        curves.decimated(curve.x, curve.y, ...this.shown, columns, (y) => this.has(y)));
+      return uPlot.join(this.drawn);
+    }
+
+    lineWidth(curve) {
+      return (curve.dashed ? 1 : 1.6) + (curve.wider || 0);
+    }
+
+    // Which curves lie on which in what is seen: those below are drawn wider, and the caption says
+    // so. As `chart.rs` for the drawings.
+    widen() {
+      const lower = this.curves.map(() => 0), told = [];
+      // No line break parts a number from its unit.
+      const quoted = (name) => `\u201c${name.replace(/(\d) /g, "$1\u00a0")}\u201d`;
+      this.curves.forEach((upper, k) => {
+        const below = this.curves.slice(0, k).filter((one, j) => this.liesOn(k, j) && this.liesOn(j, k));
+        below.forEach((one) => { lower[this.curves.indexOf(one)] += 1; });
+        const names = below.map((one) => one.name).filter((name) => name !== "")
+          .map(quoted);
+        if (names.length > 0 && upper.name !== "") {
+          told.push(`${quoted(upper.name)} lies on ${names.join(" and on ")}`);
+        }
+      });
+      this.curves.forEach((curve, k) => {
+        curve.wider = WIDER * lower[k];
+        const series = this.u.series[k + 1];
+        series.width = this.lineWidth(curve);
+        series.points.size = curve.marks + curve.wider;
+        if (curve.swatch && curve.line && !curve.dashed) {
+          curve.swatch.style.borderTopWidth = `${3 + curve.wider}px`;
+        }
+      });
+      this.overlaps = told.length > 0
+        ? ` Here ${told.join("; ")}; what lies below is drawn wider.` : "";
+      const caption = this.figure.querySelector(".overlaps");
+      if (caption && caption.textContent !== this.overlaps) caption.textContent = this.overlaps;
+    }
+
+    // Whether most of the length of a curve is where another one is.
+    liesOn(k, j) {
+      const [one, other] = [this.curves[k], this.curves[j]];
+      if (!one.on || !other.on || one.dashed !== other.dashed || one.line !== other.line) return false;
+      if (one.open || other.open || one.colour === other.colour) return false;
+      const part = (name, v) => {
+        const { to } = spread(this.chart[name]), { min, max } = this.u.scales[name];
+        return (to(v) - to(min)) / (to(max) - to(min));
+      };
+      const [xs, ys] = this.drawn[j];
+      const height = (x) => {
+        const after = curves.place(xs, x);
+        if (after === xs.length || (after === 0 && xs[0] !== x)) return null;
+        const before = Math.max(after - 1, 0);
+        if (ys[before] === null || ys[after] === null) return null;
+        const share = xs[after] > xs[before] ? (x - xs[before]) / (xs[after] - xs[before]) : 0;
+        return ys[before] + share * (ys[after] - ys[before]);
+      };
+      const [px, py] = curves.decimated(...this.drawn[k], ...this.shown, COMPARED, (y) => y !== null);
+      const points = px.map((x, i) => [x, py[i]])
+        .filter(([x, y]) => y !== null && x >= this.shown[0] && x <= this.shown[1])
+        .map(([x, y]) => {
+          const there = height(x), at = part("y", y);
+          return [part("x", x), at, there !== null && Math.abs(part("y", there) - at) <= NEAR];
+        });
+      let near = 0, length = 0;
+      for (let i = 1; i < points.length; i++) {
+        const [a, b] = [points[i - 1], points[i]];
+        const piece = Math.hypot(b[0] - a[0], b[1] - a[1]);
+        length += piece;
+        if (a[2] && b[2]) near += piece;
+      }
+      return near > 0.8 * length;
     }
 
     // Whether an ordinate has a place.
@@ -440,12 +528,12 @@
       context.beginPath();
       context.rect(left, top, width, height);
       context.clip();
-      this.chart.bands.forEach((band, index) => {
+      this.chart.bands.forEach((band) => {
         const log = band.axis === "x" ? this.chart.x.log : this.chart.y.log;
         const scale = u.scales[band.axis];
         const within = (v) => Math.min(Math.max(v, scale.min), scale.max);
         const [a, b] = [band.low, band.high].map((v) => u.valToPos(log ? within(v) : v, band.axis, true));
-        context.strokeStyle = context.fillStyle = level(band) ? ink("--soft") : bandColour(index);
+        context.strokeStyle = context.fillStyle = colour(band.colour);
         if (band.low === band.high) {
           if (band.low < scale.min || band.low > scale.max) return;
           context.setLineDash([2 * devicePixelRatio, 3 * devicePixelRatio]);
@@ -519,6 +607,7 @@
         if (place) put(band.name, place);
       }
       for (const label of this.chart.labels) {
+        if (!this.has(label.y) || (this.chart.x.log && !(label.x > 0))) continue;
         if (label.x < this.shown[0] || label.x > this.shown[1]) continue;
         const x = u.valToPos(label.x, "x", true), y = u.valToPos(label.y, "y", true);
         if (y < top || y > top + height) continue;
@@ -629,8 +718,13 @@
     }
   }
 
+  const captions = [...document.querySelectorAll(".overlaps")];
+  const whole = captions.map((caption) => caption.textContent);
   for (const data of document.querySelectorAll("figure > script.chart")) {
     charts.push(new Plot(data.parentElement, JSON.parse(data.textContent)));
   }
   dark.addEventListener("change", () => charts.forEach((plot) => plot.build()));
+  // What is printed are the drawings, which show everything.
+  addEventListener("beforeprint", () => captions.forEach((one, k) => { one.textContent = whole[k]; }));
+  addEventListener("afterprint", () => charts.forEach((plot) => plot.widen()));
 })();

@@ -1,6 +1,8 @@
 //! One pair of axes with lines, marks, bands and labels, linear or logarithmic: as SVG for print,
 //! and as data for the plots of a page that zoom ([`super::interactive`]).
 
+use std::borrow::Cow;
+
 use plotters::coord::ranged1d::{
     AsRangedCoord, KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter,
 };
@@ -9,6 +11,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::figure::FigureError;
 use super::room::{Rect, Room, places_at};
+use super::text_width::text_width;
 use friction_stage_core::numerics::rounded;
 
 /// How a series is drawn.
@@ -78,6 +81,9 @@ pub struct Band {
     pub low: f64,
     /// Its upper end.
     pub high: f64,
+    /// Index into the palette; without one a line is grey, and a band has a colour that no series
+    /// in front has.
+    pub colour: Option<usize>,
 }
 
 /// A word at a point, for a peak.
@@ -177,12 +183,16 @@ const MARGIN: u32 = 12;
 const Y_LABELS: u32 = 72;
 /// One px in the units of a drawing: its points are whole units, and a curve needs finer ones.
 pub(crate) const PX: u32 = 10;
-/// Width of the legend at its right: line and margins, what a character takes, and its limits.
-const LEGEND: (u32, u32, std::ops::RangeInclusive<u32>) = (58 * PX, 7 * PX, 120 * PX..=320 * PX);
+/// Width of the legend at its right: line and margins, and its limits.
+const LEGEND: (u32, std::ops::RangeInclusive<u32>) = (54 * PX, 120 * PX..=320 * PX);
+/// Size of its font, px.
+const LEGEND_FONT: f64 = 13.0;
 /// The margin at the right where there is nothing to name: half a number of the abscissa.
 const NO_LEGEND: u32 = 24 * PX;
 /// Colours that stay apart for colour-blind readers (Okabe, Ito 2008).
-const COLOURS: [RGBColor; 7] = [
+/// `page.css` has them, too, and those for a dark ground. The last one is that of the text, for
+/// marks that belong to no curve.
+pub(crate) const COLOURS: [RGBColor; 8] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
     RGBColor(0, 158, 115),
@@ -190,7 +200,10 @@ const COLOURS: [RGBColor; 7] = [
     RGBColor(90, 90, 90),
     RGBColor(230, 159, 0),
     RGBColor(86, 180, 233),
+    RGBColor(29, 37, 48),
 ];
+/// Colours of bands: those of the series the other way round, since series begin in front.
+const BANDS: [usize; 7] = [5, 4, 3, 2, 1, 0, 6];
 /// Columns of a figure: of what falls into one, the extremes are drawn.
 const COLUMNS: usize = 1000;
 /// Colour of a level.
@@ -206,14 +219,44 @@ const DOT: [u32; 2] = [2, 3];
 const DOT_WIDTH: u32 = 3 * PX / 2;
 /// By how much a line is wider than each line that lies on it, px.
 const WIDER: u32 = 2;
+/// Room between two numbers of an axis, px.
+const BETWEEN_NUMBERS: f64 = 8.0;
 /// Room that a number of the abscissa needs, px.
 const X_NUMBER: u32 = 50;
-/// Height of a word, and what a character of it takes, px.
-const WORD: (i32, i32) = (14, 8);
+/// Height of a word and the size of its font, px.
+const WORD: (i32, u32) = (14, 13);
 /// A line lies on another where most of its length, seen at so many columns, is no farther from it
 /// than this part of the height: the width of a line.
 const COMPARED: usize = 100;
 const NEAR: f64 = 0.006;
+/// Units that take a prefix where their numbers would be powers of ten.
+const WITH_PREFIX: [&str; 16] = [
+    "N",
+    "N rms",
+    "N/m",
+    "m/N",
+    "N/√Hz",
+    "N s/m",
+    "N/(m s)",
+    "J",
+    "J per cycle",
+    "N m",
+    "N m rms",
+    "N m/rad",
+    "rad/(N m)",
+    "N m/√Hz",
+    "m",
+    "rad",
+];
+/// Prefixes with their sizes: those of large numbers first.
+const PREFIXES: [(f64, &str); 7] =
+    [(1e9, "G"), (1e6, "M"), (1e3, "k"), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p")];
+/// From where on, and up to where, the numbers of an axis are no powers of ten.
+const PLAIN: (f64, f64) = (1e-3, 1e5);
+/// Colour of what stands for all dashed curves.
+const DASHED_KEY: usize = 4;
+/// Radius of a sample that no line joins, px.
+const DOT_RADIUS: i32 = 2;
 /// Part of a band's colour.
 const BAND_OPACITY: f64 = 0.16;
 
@@ -230,6 +273,16 @@ impl Band {
     /// Whether it is a line along the abscissa.
     pub fn is_level(&self) -> bool {
         self.axis == Axis::Y && self.low == self.high
+    }
+
+    /// Its place in the palette as the one of so many.
+    pub(crate) fn palette(&self, index: usize) -> usize {
+        let default = if self.low == self.high { DASHED_KEY } else { BANDS[index % BANDS.len()] };
+        self.colour.unwrap_or(default)
+    }
+
+    fn colour(&self, index: usize) -> RGBColor {
+        COLOURS[self.palette(index) % COLOURS.len()]
     }
 }
 
@@ -293,12 +346,92 @@ impl Chart {
 
     /// Adds a band.
     pub fn band(&mut self, name: impl Into<String>, axis: Axis, low: f64, high: f64) {
-        self.bands.push(Band { name: name.into(), axis, low, high });
+        self.bands.push(Band { name: name.into(), axis, low, high, colour: None });
     }
 
     /// Adds a line across the whole chart.
     pub fn line(&mut self, name: impl Into<String>, axis: Axis, at: f64) {
         self.band(name, axis, at, at);
+    }
+
+    /// Adds such a line in a colour of the palette: those of one colour belong together.
+    pub fn coloured_line(&mut self, name: impl Into<String>, axis: Axis, at: f64, colour: usize) {
+        let (low, high) = (at, at);
+        self.bands.push(Band { name: name.into(), axis, low, high, colour: Some(colour) });
+    }
+
+    /// What dashed curves without a name are, for the legend.
+    pub fn dashed_are(&mut self, name: impl Into<String>) {
+        self.add(name, DASHED_KEY, Style::Dashed, []);
+    }
+
+    /// The same in a prefix of its units in which the numbers of its axes need no powers of ten.
+    pub(crate) fn readable(&self) -> Cow<'_, Chart> {
+        let mut chart = Cow::Borrowed(self);
+        for axis in [Axis::X, Axis::Y] {
+            if let Some((size, prefix)) = chart.prefix(axis) {
+                chart = Cow::Owned(chart.in_units(axis, size, prefix));
+            }
+        }
+        chart
+    }
+
+    /// The prefix, with its size, that an axis lacks.
+    fn prefix(&self, axis: Axis) -> Option<(f64, &'static str)> {
+        let (label, scale) = match axis {
+            Axis::X => (&self.x_label, self.x_scale),
+            Axis::Y => (&self.y_label, self.y_scale),
+        };
+        let (_, unit) = label.rsplit_once(", ")?;
+        if !WITH_PREFIX.contains(&unit) {
+            return None;
+        }
+        let range = self.range(axis);
+        let largest = range.start.abs().max(range.end.abs());
+        let (smallest, middle) = match scale {
+            Scale::Linear => (largest, largest),
+            Scale::Log => (range.start, (range.start * range.end).sqrt()),
+            Scale::Asinh(_) => return None,
+        };
+        let is_plain = |size: f64| smallest / size >= PLAIN.0 && largest / size < PLAIN.1;
+        if is_plain(1.0) {
+            return None;
+        }
+        // Of a unit that begins with a length or an angle there are only parts.
+        let from = if unit.starts_with(['m', 'r']) { 3 } else { 0 };
+        // Between 1 and 1000 where that may be.
+        let far = |size: f64| ((middle / size).log10() - 1.5).abs();
+        let fit = PREFIXES[from..].iter().copied().filter(|(size, _)| is_plain(*size));
+        fit.min_by(|a, b| far(a.0).total_cmp(&far(b.0)))
+    }
+
+    /// The same with values of an axis in units of this size.
+    fn in_units(&self, axis: Axis, size: f64, prefix: &str) -> Chart {
+        let mut chart = self.clone();
+        let along = |point: &mut (f64, f64)| match axis {
+            Axis::X => point.0 /= size,
+            Axis::Y => point.1 /= size,
+        };
+        chart.series.iter_mut().flat_map(|series| &mut series.points).for_each(along);
+        chart.labels.iter_mut().map(|label| &mut label.at).for_each(along);
+        for band in chart.bands.iter_mut().filter(|band| band.axis == axis) {
+            (band.low, band.high) = (band.low / size, band.high / size);
+        }
+        let label = match axis {
+            Axis::X => {
+                chart.x_least = chart.x_least.map(|(low, high)| (low / size, high / size));
+                &mut chart.x_label
+            }
+            Axis::Y => {
+                chart.y_least = chart.y_least.map(|least| least / size);
+                chart.y_from = chart.y_from.map(|from| from / size);
+                &mut chart.y_label
+            }
+        };
+        if let Some((quantity, unit)) = label.rsplit_once(", ") {
+            *label = format!("{quantity}, {prefix}{unit}");
+        }
+        chart
     }
 
     /// Writes a word at a point.
@@ -399,7 +532,8 @@ impl Chart {
     /// The figure as an SVG document. Points that are not finite, or not positive on a logarithmic
     /// axis, are left out.
     pub fn svg(&self) -> Result<String, FigureError> {
-        document(&self.title, SIZE, |root| self.draw_on(root, self.legend_width()))
+        let chart = self.readable();
+        document(&self.title, SIZE, |root| chart.draw_on(root, chart.legend_width()))
     }
 
     /// The figure for a screen that is not as wide: its legend is below the axes.
@@ -408,7 +542,7 @@ impl Chart {
         let (width, height) = NARROW;
         document(&self.title, (width, height + below as u32 / PX), |root| {
             let (axes, legend) = root.split_vertically(height * PX);
-            self.draw_axes_on(&axes, NO_LEGEND)?;
+            self.readable().draw_axes_on(&axes, NO_LEGEND)?;
             self.draw_legend(&legend, (px(24), px(8)))
         })
     }
@@ -426,12 +560,14 @@ impl Chart {
 
     /// Room that its legend needs at the right.
     pub(crate) fn legend_width(&self) -> u32 {
-        let (frame, per_character, widths) = LEGEND;
-        let longest =
-            self.legend_names().iter().map(|name| name.chars().count()).max().unwrap_or(0);
-        match longest {
-            0 => NO_LEGEND,
-            _ => (frame + per_character * longest as u32).clamp(*widths.start(), *widths.end()),
+        let (frame, widths) = LEGEND;
+        let longest = self.legend_names().into_iter().map(|name| text_width(name, LEGEND_FONT));
+        match longest.reduce(f64::max) {
+            None => NO_LEGEND,
+            Some(longest) => {
+                let width = frame + (longest * f64::from(PX)).ceil() as u32;
+                width.clamp(*widths.start(), *widths.end())
+            }
         }
     }
 
@@ -555,7 +691,7 @@ impl Chart {
             .label_style(font(13))
             .axis_desc_style(font(14))
             .draw()?;
-        let word = font(13).into_text_style(area);
+        let word = font(WORD.1).into_text_style(area);
         for (index, band) in self.bands.iter().enumerate().filter(|(_, band)| self.has(band)) {
             let range = if band.axis == Axis::X { &x_range } else { &y_range };
             let (low, high) =
@@ -564,7 +700,7 @@ impl Chart {
                 Axis::X => [(low, y_range.start), (high, y_range.end)],
                 Axis::Y => [(x_range.start, low), (x_range.end, high)],
             };
-            let colour = if band.is_level() { LEVEL } else { band_colour(index) };
+            let colour = band.colour(index);
             if band.low == band.high {
                 let [dot, gap] = DOT.map(|length| length * PX);
                 let stroke = colour.stroke_width(DOT_WIDTH);
@@ -582,6 +718,11 @@ impl Chart {
             for piece in series.points.split(|point| !self.shown(point)) {
                 let points = decimated(piece, COLUMNS);
                 let line = points.iter().copied();
+                if let ([alone], true, None) = (&*points, series.style.has_line(), mark(series, 0))
+                {
+                    let style = ShapeStyle { filled: true, ..stroke };
+                    chart.draw_series([Circle::new(*alone, px(DOT_RADIUS), style)])?;
+                }
                 match series.style {
                     Style::Marks | Style::Rings => {}
                     Style::Line | Style::Both => {
@@ -616,7 +757,10 @@ impl Chart {
         let mut room = Room { frame, curves, taken: Vec::new() };
         // On curves a word stays legible by a ground of its own.
         let ground = WHITE.mix(0.75).filled();
-        let size = |text: &str| (px(WORD.1) * text.chars().count() as i32, px(WORD.0));
+        let size = |text: &str| {
+            let width = text_width(text, f64::from(WORD.1)) + 4.0;
+            ((width * f64::from(PX)) as i32, px(WORD.0))
+        };
         for band in self.bands.iter().filter(|band| band.is_level() && self.has(band)) {
             let at = (x_range.end, band.low);
             let (right, y) = chart.backend_coord(&at);
@@ -669,7 +813,7 @@ impl Chart {
         }
         let bands = self.bands.iter().enumerate();
         for (index, band) in bands.filter(|(_, band)| self.in_legend(band)) {
-            let colour = band_colour(index);
+            let colour = band.colour(index);
             if band.low == band.high {
                 line(y, DOT, colour.stroke_width(DOT_WIDTH))?;
             } else {
@@ -774,7 +918,7 @@ impl Spread {
     fn keep_apart(&mut self, width: f64) {
         let half = |mark: f64| {
             let number = tick(mark, &self.range, self.scale);
-            0.5 * f64::from(WORD.1) * number.chars().count() as f64
+            0.5 * text_width(&number, f64::from(WORD.1)) + 0.5 * BETWEEN_NUMBERS
         };
         let power = |mark: f64| mark.abs().log10();
         let rank = |mark: &f64| match *mark {
@@ -817,11 +961,6 @@ impl Ranged for Spread {
 }
 
 impl ValueFormatter<f64> for Spread {}
-
-/// Colour of a chart's band: those of the series the other way round, since series begin in front.
-fn band_colour(index: usize) -> RGBColor {
-    COLOURS[(COLOURS.len() - 2 + COLOURS.len() - index % COLOURS.len()) % COLOURS.len()]
-}
 
 /// The points that many columns show: of each column the first, the last and the extremes along
 /// both axes, in their order.
@@ -936,29 +1075,42 @@ fn marks(range: &Span, scale: Scale, room: f64) -> Vec<f64> {
     }
 }
 
-/// Zero and whole powers on both sides of it, from the first that is apart from zero on, with 2 and
-/// 5 of each where these are few; even steps where next to nothing of the axis is logarithmic.
+/// Zero and whole powers on both sides of it, with 2 and 5 of each where these have room; even
+/// steps where next to nothing of the axis is logarithmic. From the largest down to zero each is
+/// left out that is too near to one that is there: at the limit of the even part they draw together.
 fn asinh_marks(range: &Span, even: f64, room: f64) -> Vec<f64> {
     let largest = range.start.abs().max(range.end.abs());
     if largest < EVEN * even {
         return even_marks(range);
     }
-    let within = |mark: &f64| (range.start..=range.end).contains(mark);
-    let (first, last) = (even.log10().ceil() as i32, largest.log10().floor() as i32);
-    let sides = f64::from(u8::from(range.start < -even) + u8::from(range.end > even)).max(1.0);
-    let every = ((sides * f64::from(last - first + 1) / room).ceil() as i32).max(1);
+    let place = |value: f64| Scale::Asinh(even).place(value);
+    let apart = (place(range.end) - place(range.start)) / room;
+    let decade = std::f64::consts::LN_10;
+    let every = (apart / decade).ceil().max(1.0) as i32;
+    let (first, last) = (even.log10().floor() as i32 - 1, largest.log10().floor() as i32);
     let marks = |factors: &[f64]| -> Vec<f64> {
-        let powers = (first..=last).filter(|power| (power - first) % every == 0);
-        let sizes: Vec<f64> = powers
-            .flat_map(|power| factors.iter().map(move |one| rounded(one * 10f64.powi(power), 12)))
-            .collect();
-        let negative = sizes.iter().rev().map(|size| -size);
-        negative.chain([0.0]).chain(sizes.iter().copied()).filter(within).collect()
+        let powers = (first..=last).rev().filter(|power| power % every == 0);
+        let sizes = powers
+            .flat_map(|power| factors.iter().map(move |one| rounded(one * 10f64.powi(power), 12)));
+        let mut kept: Vec<f64> = Vec::new();
+        for size in sizes.filter(|size| *size <= largest && place(*size) >= apart) {
+            if kept.last().is_none_or(|larger| place(*larger) - place(size) >= apart) {
+                kept.push(size);
+            }
+        }
+        let negative = kept.iter().map(|size| -size);
+        let all = negative.chain([0.0]).chain(kept.iter().rev().copied());
+        all.filter(|mark| (range.start..=range.end).contains(mark)).collect()
     };
-    let whole = marks(&[1.0]);
-    if whole.len() >= 4 { whole } else { marks(&[1.0, 2.0, 5.0]) }
+    // Two neighbours of 1, 2 and 5 are as far from each other as 2 from 1.
+    let finer = apart <= std::f64::consts::LN_2;
+    let (whole, parted) = (marks(&[1.0]), marks(&[5.0, 2.0, 1.0]));
+    let marks = if finer || whole.len() < FEW { parted } else { whole };
+    if marks.len() >= 3 { marks } else { even_marks(range) }
 }
 
+/// Fewer marks than this are so few that others go between them.
+const FEW: usize = 5;
 /// Times the even part of an axis up to which its marks have even steps.
 const EVEN: f64 = 5.0;
 
@@ -1074,6 +1226,43 @@ mod tests {
     }
 
     #[test]
+    fn a_sample_between_gaps_is_a_dot() {
+        let mut chart = Chart::new("t", "x", "y");
+        let gap = f64::NAN;
+        let points = [(0.0, 1.0), (1.0, 2.0), (2.0, gap), (3.0, 1.5), (4.0, gap), (5.0, 1.0)];
+        chart.add("", 0, Style::Line, points);
+        let text = chart.svg().unwrap();
+        assert_eq!(text.matches("<circle").count(), 2, "{text}");
+    }
+
+    #[test]
+    fn an_axis_of_very_large_or_small_numbers_has_a_prefix() {
+        let chart = |unit: &str, scale: bool, values: [f64; 2]| {
+            let mut chart = Chart::new("t", "x", format!("quantity, {unit}"));
+            chart = chart.logarithmic(false, scale);
+            chart.add("", 0, Style::Line, [(0.0, values[0]), (1.0, values[1])]);
+            chart.line("level", Axis::Y, values[1]);
+            let shown = chart.readable().into_owned();
+            assert_eq!(shown.bands[0].high, shown.series[0].points[1].1);
+            (shown.y_label, shown.series[0].points[1].1)
+        };
+        for (unit, log, values, label, number) in [
+            ("N/m", false, [1e5, 5e5], "quantity, kN/m", 500.0),
+            ("N/m", true, [1e5, 4e7], "quantity, MN/m", 40.0),
+            ("m/N", true, [1e-9, 2e-6], "quantity, nm/N", 2000.0),
+            ("N", false, [0.0, 2e-4], "quantity, µN", 200.0),
+            // As it is: numbers that are read, a unit with a prefix, no prefix that would do.
+            ("N", false, [0.0, 900.0], "quantity, N", 900.0),
+            ("mm", false, [0.0, 2e-5], "quantity, mm", 2e-5),
+            ("N", true, [1e-7, 1e4], "quantity, N", 1e4),
+        ] {
+            let (found, high) = chart(unit, log, values);
+            assert_eq!(found, label);
+            assert!((high / number - 1.0).abs() < 1e-9, "{found}: {high}");
+        }
+    }
+
+    #[test]
     fn a_line_that_lies_on_others_leaves_them_visible() {
         let wave =
             |shift: f64| (0..500).map(move |k| (f64::from(k), (k as f64 / 50.0).sin() + shift));
@@ -1135,7 +1324,7 @@ mod tests {
             let mut spread = Spread { range: range.clone(), scale, marks };
             spread.keep_apart(250.0);
             let ends = spread.marks.iter().map(|mark| {
-                let half = 4.0 * tick(*mark, &range, scale).chars().count() as f64;
+                let half = 0.5 * text_width(&tick(*mark, &range, scale), 13.0);
                 let at = 250.0 * area_part(&range, *mark, scale);
                 (at - half, at + half)
             });

@@ -9,7 +9,7 @@ use friction_stage_lab::TrialRun;
 use crate::chart::{Chart, Style};
 use crate::figure::FigureError;
 use crate::page::{Align, Cell, Mark, Page, Table, Tile};
-use crate::words::{fixed, four_digits};
+use crate::words::{fixed, four_digits, in_prefix};
 
 /// Both runs of a trial, with what is not compensated.
 #[derive(Clone, Copy, Debug)]
@@ -103,6 +103,18 @@ pub struct TrialNames<'a> {
     pub real: &'a str,
 }
 
+/// Colours of the runs without and with: warm and cold, as before and after an identification.
+const COLOURS: [usize; 2] = [1, 0];
+
+/// The unit in which an error of this size is read, m, and how many there are in a metre.
+fn unit_of(size: f64) -> (f64, &'static str) {
+    match size {
+        size if size >= 1e-3 => (1e3, "mm"),
+        size if size >= 1e-6 => (1e6, "µm"),
+        _ => (1e9, "nm"),
+    }
+}
+
 /// The page and its figure.
 pub fn compensation_page(
     names: TrialNames,
@@ -119,8 +131,8 @@ pub fn compensation_page(
     );
     let tile = |name: &str, plain: f64, with: f64| Tile {
         name: name.to_owned(),
-        value: format!("{} µm", four_digits(1e6 * with)),
-        detail: format!("without compensation {} µm", four_digits(1e6 * plain)),
+        value: in_prefix(with, "m"),
+        detail: format!("without compensation {}", in_prefix(plain, "m")),
         mark: if with < plain { Mark::Good } else { Mark::Bad },
     };
     page.tiles(&[
@@ -130,23 +142,27 @@ pub fn compensation_page(
     for warning in compensation_warnings(runs) {
         page.note(Mark::Warning, &warning);
     }
-    let error = |run: &TrialRun| -> Vec<(f64, f64)> {
-        run.errors.iter().map(|(time, error)| (1e-9 * *time as f64, 1e6 * error)).collect()
+    let (of_both, of_one) = (plain.peak.max(with.peak), with.peak);
+    let error = |run: &TrialRun, scale: f64| -> Vec<(f64, f64)> {
+        run.errors.iter().map(|(time, error)| (1e-9 * *time as f64, scale * error)).collect()
     };
-    let mut chart = Chart::new("Position error", "time, s", "position error, µm");
-    for (colour, (name, run)) in [("without", plain), ("with", with)].into_iter().enumerate() {
-        chart.add(name, colour, Style::Line, error(run));
+    let (scale, unit) = unit_of(of_both);
+    let mut chart = Chart::new("Position error", "time, s", format!("position error, {unit}"));
+    for (name, run, colour) in [("without", plain, COLOURS[0]), ("with", with, COLOURS[1])] {
+        chart.add(name, colour, Style::Line, error(run, scale));
     }
     chart.zooms_with = Some("time".to_owned());
     let svg = chart.svg()?;
     page.figure(
         &chart,
-        "Measured error along the motion, from a rest in which the integral holds all constant \
-         forces.",
+        "Measured error along the motion, after a rest of ten time constants of the integral, 10 s \
+         at most, in which it takes over the constant forces.",
     )?;
-    let mut left = Chart::new("Position error with compensation", "time, s", "position error, µm");
+    let (scale, unit) = unit_of(of_one);
+    let label = format!("position error, {unit}");
+    let mut left = Chart::new("Position error with compensation", "time, s", label);
     left.zooms_with = chart.zooms_with.clone();
-    left.add("with", 1, Style::Line, error(with));
+    left.add("with", COLOURS[1], Style::Line, error(with, scale));
     page.figure(&left, "What the compensation leaves, on a scale of its own.")?;
     let mut table =
         Table::new(&[("", Align::Left), ("without", Align::Right), ("with", Align::Right)])
@@ -154,9 +170,11 @@ pub fn compensation_page(
                 "Settling: the longest of all moves that end in a rest; a dash: some never do.",
             );
     for (name, plain, with) in rows(runs) {
-        let shown = |value: f64| match value.is_finite() {
-            true => Cell::text(in_digits(name, value)),
-            false => Cell::text("\u{2013}"),
+        let (name, unit) = name.rsplit_once(", ").unwrap_or((name, ""));
+        let shown = |value: f64| match (value.is_finite(), unit) {
+            (false, _) => Cell::text("\u{2013}"),
+            (true, "µm") => Cell::text(in_prefix(1e-6 * value, "m")),
+            (true, unit) => Cell::text(format!("{} {unit}", fixed(value, 2))),
         };
         table.row([Cell::text(name), shown(plain), shown(with)]);
     }

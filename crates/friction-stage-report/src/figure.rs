@@ -21,6 +21,7 @@ const TITLE: u32 = 40;
 /// The charts below each other, as one SVG document.
 pub fn svg(title: &str, charts: &[Chart]) -> Result<String, FigureError> {
     let height = SIZE.1 * charts.len() as u32 + TITLE;
+    let charts: Vec<_> = charts.iter().map(Chart::readable).collect();
     document(title, (SIZE.0, height), |root| {
         let (head, rest) = root.split_vertically(TITLE * PX);
         let (width, height) = head.dim_in_pixel();
@@ -28,7 +29,7 @@ pub fn svg(title: &str, charts: &[Chart]) -> Result<String, FigureError> {
         let style = font(20).into_text_style(&head).pos(middle);
         head.draw(&Text::new(title.to_owned(), ((width / 2) as i32, (height / 2) as i32), style))?;
         // The same instant is above itself.
-        let legend = charts.iter().map(Chart::legend_width).max().unwrap_or(0);
+        let legend = charts.iter().map(|chart| chart.legend_width()).max().unwrap_or(0);
         for (chart, area) in charts.iter().zip(rest.split_evenly((charts.len().max(1), 1))) {
             chart.draw_on(&area, legend)?;
         }

@@ -122,8 +122,6 @@ struct Curve<'a> {
     line: bool,
     /// Whether it is thin and dashed.
     dashed: bool,
-    /// By how much it is wider than usual, px.
-    wider: u32,
     /// Diameter of its marks, px; 0 for none.
     marks: i32,
     /// Whether they are rings.
@@ -139,6 +137,8 @@ struct Range<'a> {
     axis: &'static str,
     low: f64,
     high: f64,
+    /// Place in the palette.
+    colour: usize,
 }
 
 #[derive(Serialize)]
@@ -163,8 +163,9 @@ impl Columns {
         if !chart.goes_right() || chart.series.iter().all(|series| series.points.is_empty()) {
             return None;
         }
+        let chart = chart.readable();
         let mut series = Vec::with_capacity(chart.series.len());
-        for (one, wider) in chart.series.iter().zip(chart.wider()) {
+        for one in &chart.series {
             let fewer;
             let points = if one.points.len() > MOST {
                 fewer = decimated(&one.points, MOST / 4);
@@ -178,14 +179,14 @@ impl Columns {
                 colour: one.colour,
                 line: one.style.has_line(),
                 dashed: one.style == Style::Dashed,
-                wider,
                 marks: one.style.marks().map_or(0, |(radius, _)| 2 * radius),
                 open: one.style.marks().is_some_and(|(_, is_open)| is_open),
                 x: self.add(&part(|point| point.0)),
                 y: self.add(&part(|point| point.1)),
             });
         }
-        let bands = chart.bands.iter().map(|band| Range {
+        let bands = chart.bands.iter().enumerate().map(|(index, band)| Range {
+            colour: band.palette(index),
             name: &band.name,
             axis: if band.axis == Axis::X { "x" } else { "y" },
             low: band.low,

@@ -32,6 +32,7 @@ pub mod recording;
 mod room;
 pub mod selection;
 pub mod sweep;
+mod text_width;
 pub mod tuning;
 pub mod view;
 pub mod words;

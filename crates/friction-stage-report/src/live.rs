@@ -36,7 +36,7 @@ fn guides(model: &StageModel) -> String {
     told.collect::<Vec<_>>().join(", ")
 }
 
-/// A number that changes, with its unit.
+/// A number that changes, with its unit; the script chooses the prefix.
 fn tile(id: &str, name: &str, unit: &str) -> String {
     format!(
         "<div class=\"tile neutral\"><span>{name}, <b id=\"{id}-unit\">{unit}</b></span><output \
@@ -56,14 +56,22 @@ pub fn live_page(stage: &LiveStage) -> String {
                 .to_owned(),
         ),
     };
+    let joint = stage.model.joint;
     let bandwidth = stage.bandwidth.unwrap_or(60.0);
     let most = (2.0 * bandwidth).clamp(150.0, 1000.0);
     // Only a stage that drives itself knows what it is to follow.
     let error = match stage.bandwidth {
-        Some(_) => tile("error", "error", "µm"),
+        Some(_) => tile("error", "error", &joint.unit("µm")),
         None => String::new(),
     };
-    let (position, force) = (tile("position", "position", "mm"), tile("force", "force", "N"));
+    let position = tile("position", &joint.quantity("position"), &joint.unit("mm"));
+    let force = tile("force", &joint.quantity("force"), &joint.unit("N"));
+    let units = format!("data-length=\"{}\" data-force=\"{}\"", joint.unit("m"), joint.unit("N"));
+    let quantities = format!(
+        "data-position=\"{}\" data-torque=\"{}\"",
+        joint.quantity("position"),
+        joint.quantity("force")
+    );
     format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta \
          name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<meta \
@@ -79,7 +87,7 @@ pub fn live_page(stage: &LiveStage) -> String {
          type=\"button\" id=\"back\"{disabled}>step back</button>\n<button type=\"button\" \
          id=\"forth\"{disabled}>step forth</button>\n<button type=\"button\" id=\"record\" \
          aria-pressed=\"false\">record</button>\n<span id=\"said\" role=\"status\"></span>\n\
-         </div>\n<div id=\"plots\"></div>\n</main>\n<script>\n/*\nuPlot \
+         </div>\n<div id=\"plots\" {units} {quantities}></div>\n</main>\n<script>\n/*\nuPlot \
          1.6.32\n{LIBRARY_LICENCE}\n*/\n{LIBRARY}</script>\n<script>\n{CURVES}{SCRIPT}</script>\n\
          </body>\n</html>\n"
     )
@@ -95,6 +103,11 @@ mod tests {
         assert_eq!(guides(&model), "4 \u{d7} guide 3 (low-friction grease)");
         model.guides[0] = GuideSource::Catalogue("guide_1".to_owned());
         let page = live_page(&LiveStage { model: &model, bandwidth: Some(60.0) });
+        assert!(page.contains("data-length=\"m\"") && page.contains(">µm</b>"));
+        model.joint = friction_stage_core::model::JointType::Revolute;
+        let rotary = live_page(&LiveStage { model: &model, bandwidth: Some(60.0) });
+        assert!(rotary.contains("data-length=\"rad\" data-force=\"N m\""), "{rotary}");
+        assert!(rotary.contains(">µrad</b>") && !rotary.contains(">µm</b>"));
         let words = "1 \u{d7} guide 1 (sealed), 3 \u{d7} guide 3 (low-friction grease)";
         assert!(page.contains(words), "{}", &page[page.find("<h1>").unwrap()..][..300]);
     }

@@ -13,7 +13,7 @@ use friction_stage_lab::{
 use crate::chart::{Axis, Chart, Style};
 use crate::figure::FigureError;
 use crate::page::{Align, Cell, Page, Table};
-use crate::tuning::{beside, unwrapped};
+use crate::tuning::{COMPARED, beside, unwrapped};
 
 /// Least modulus margin without a warning: |S| of at most 2, as `tune` keeps it.
 const LEAST_MODULUS: f64 = 0.5;
@@ -224,12 +224,18 @@ impl MeasuredReport {
         let mut gain = Chart::new("Measured loop: gain", "frequency, Hz", "open loop |L|")
             .logarithmic(true, true);
         gain.line("|L| = 1", Axis::Y, 1.0);
-        gain.add("model", 0, Style::Line, along(|point| point.model.norm()));
-        gain.add("measured", 1, Style::Marks, along(|point| point.measured.open_loop.norm()));
+        let [model, measured] = COMPARED;
+        gain.add("model", model, Style::Line, along(|point| point.model.norm()));
+        gain.add(
+            "measured",
+            measured,
+            Style::Marks,
+            along(|point| point.measured.open_loop.norm()),
+        );
         let mut phase = Chart::new("Measured loop: phase", "frequency, Hz", "phase, degrees")
             .logarithmic(true, false);
-        phase.add("model", 0, Style::Line, of_model.iter().copied());
-        phase.add("measured", 1, Style::Marks, of_stage);
+        phase.add("model", model, Style::Line, of_model.iter().copied());
+        phase.add("measured", measured, Style::Marks, of_stage);
         phase.line("-180°", Axis::Y, -180.0);
         for (name, chart) in [("measured_gain", gain), ("measured_phase", phase)] {
             page.figure(&chart, "Where the marks lie on the line, the model is this stage.")?;

@@ -10,7 +10,7 @@ use std::fmt::Write as _;
 use crate::chart::Chart;
 use crate::figure::FigureError;
 use crate::interactive::{self, Columns};
-use crate::words::fixed;
+use crate::words::{fixed, unbroken};
 
 /// A page that grows from top to bottom.
 ///
@@ -204,21 +204,21 @@ impl Page {
 
     /// A paragraph.
     pub fn text(&mut self, text: &str) {
-        self.add(format_args!("<p>{}</p>\n", escaped(text)));
+        self.add(format_args!("<p>{}</p>\n", shown(text)));
     }
 
     /// Adds a list.
     pub fn list<S: AsRef<str>>(&mut self, items: impl IntoIterator<Item = S>) {
         self.body.push_str("<ul>\n");
         for item in items {
-            self.add(format_args!("<li>{}</li>\n", escaped(item.as_ref())));
+            self.add(format_args!("<li>{}</li>\n", shown(item.as_ref())));
         }
         self.body.push_str("</ul>\n");
     }
 
     /// A box beside the text.
     pub fn note(&mut self, mark: Mark, text: &str) {
-        self.add(format_args!("<p class=\"note {}\">{}</p>\n", mark.class(), escaped(text)));
+        self.add(format_args!("<p class=\"note {}\">{}</p>\n", mark.class(), shown(text)));
     }
 
     /// A box for each kind of text, with those of one kind below each other.
@@ -231,7 +231,7 @@ impl Page {
             }
         }
         for (_, of_kind) in kinds {
-            let lines = of_kind.into_iter().map(|text| format!("<span>{}</span>", escaped(text)));
+            let lines = of_kind.into_iter().map(|text| format!("<span>{}</span>", shown(text)));
             self.add(format_args!(
                 "<p class=\"note {}\">{}</p>\n",
                 mark.class(),
@@ -252,7 +252,7 @@ impl Page {
             self.add(format_args!(
                 "<dt>{}</dt><dd>{}</dd>\n",
                 escaped(name.as_ref()),
-                escaped(value.as_ref())
+                shown(value.as_ref())
             ));
         }
         self.body.push_str("</dl>\n");
@@ -267,8 +267,8 @@ impl Page {
                  class=\"value\">{}</span><span class=\"detail\">{}</span></div>\n",
                 tile.mark.class(),
                 escaped(&tile.name),
-                escaped(&tile.value),
-                escaped(&tile.detail)
+                shown(&tile.value),
+                shown(&tile.detail)
             ));
         }
         self.body.push_str("</div>\n");
@@ -279,7 +279,7 @@ impl Page {
         // A caption within the table would be as wide as it is, beyond a small screen.
         if let Some(caption) = &table.caption {
             self.tables += 1;
-            let (id, caption) = (self.tables, escaped(caption));
+            let (id, caption) = (self.tables, shown(caption));
             self.add(format_args!("<p class=\"caption\" id=\"table-{id}\">{caption}</p>\n"));
             self.add(format_args!(
                 "<div class=\"table\"><table aria-describedby=\"table-{id}\">\n"
@@ -290,7 +290,14 @@ impl Page {
         let class = |align: Align| if align == Align::Right { " class=\"right\"" } else { "" };
         self.body.push_str("<thead><tr>");
         for (name, align) in &table.columns {
-            self.add(format_args!("<th{}>{}</th>", class(*align), escaped(name)));
+            // The unit at the end of a name is one word.
+            let name = match name.rsplit_once(", ") {
+                Some((quantity, unit)) if unit.len() <= LONGEST_UNIT => {
+                    format!("{quantity}, {}", unit.replace(' ', "\u{a0}"))
+                }
+                _ => name.clone(),
+            };
+            self.add(format_args!("<th{}>{}</th>", class(*align), shown(&name)));
         }
         self.body.push_str("</tr></thead>\n<tbody>\n");
         for row in &table.rows {
@@ -311,10 +318,12 @@ impl Page {
         let number = self.figures;
         // A curve below another one is not taken for one that is missing.
         let overlaps = chart.overlaps_in_words().map_or(String::new(), |words| format!(" {words}"));
-        let caption = escaped(&format!("{caption}{overlaps}"));
+        let (caption, overlaps) = (shown(caption), shown(&overlaps));
         let data = self.columns.chart(chart);
         let class = if data.is_none() { " class=\"has-narrow\"" } else { "" };
-        self.add(format_args!("<figure role=\"img\"{class} aria-label=\"{caption}\">\n{svg}\n"));
+        self.add(format_args!(
+            "<figure role=\"img\"{class} aria-label=\"{caption}{overlaps}\">\n{svg}\n"
+        ));
         match data {
             Some(data) => self.add(format_args!(
                 "<script type=\"application/json\" class=\"chart\">{data}</script>\n"
@@ -325,7 +334,8 @@ impl Page {
             }
         }
         self.add(format_args!(
-            "<figcaption><b>Figure {number}.</b> {caption}</figcaption>\n</figure>\n"
+            "<figcaption><b>Figure {number}.</b> {caption}<span \
+             class=\"overlaps\">{overlaps}</span></figcaption>\n</figure>\n"
         ));
         Ok(())
     }
@@ -341,7 +351,7 @@ impl Page {
              initial-scale=1\">\n<meta name=\"color-scheme\" content=\"light dark\">\n\
              <title>{title}</title>\n<style>\n{style}{STYLE}</style>\n</head>\n\
              <body>\n<main>\n<header>\n<h1>{title}</h1>\n<p>{}</p>\n</header>\n",
-            escaped(&self.subtitle)
+            shown(&self.subtitle)
         );
         if self.sections.len() > 1 {
             text.push_str("<nav aria-label=\"Sections\">");
@@ -408,6 +418,14 @@ pub fn escaped(text: &str) -> String {
     out
 }
 
+/// Text for a reader: no line break parts a number from its unit.
+fn shown(text: &str) -> String {
+    escaped(&unbroken(text))
+}
+
+/// Length of a unit at the end of a name, bytes.
+const LONGEST_UNIT: usize = 8;
+
 /// Colours with a contrast of at least 4.5 on their ground.
 pub(crate) const STYLE: &str = include_str!("page.css");
 
@@ -447,6 +465,23 @@ mod tests {
         assert!(!text.contains("beyond the last column"));
         let shown = "&lt;script&gt;alert(&#39;1&#39;)&lt;/script&gt; &amp; &quot;x&quot;";
         assert_eq!(text.matches(shown).count(), 21);
+    }
+
+    #[test]
+    fn every_colour_of_a_drawing_is_one_of_the_page() {
+        let colours = STYLE.matches("svg [stroke='#").count();
+        // Those of the curves, and that of axes and words.
+        assert_eq!(colours, crate::chart::COLOURS.len() + 1);
+        for (index, colour) in crate::chart::COLOURS.iter().enumerate() {
+            let hex = format!("#{:02X}{:02X}{:02X}", colour.0, colour.1, colour.2);
+            for what in ["fill", "stroke"] {
+                let rule = format!("svg [{what}='{hex}'] {{ {what}: var(--curve-{index}); }}");
+                assert!(STYLE.contains(&rule), "no {rule}");
+            }
+            // The light ones are what the drawing states, but for that of the text.
+            let light = format!("--curve-{index}: {}", hex.to_lowercase());
+            assert!(STYLE.contains(&light) || index == 7, "no {light}");
+        }
     }
 
     #[test]

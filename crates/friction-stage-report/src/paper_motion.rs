@@ -3,6 +3,7 @@
 use crate::chart::{Axis, Chart, Scale, Style};
 use crate::figure::FigureError;
 use crate::page::{Align, Cell, Page, Table};
+use crate::words::PAPER_WITH_TITLE;
 use friction_stage_lab::{MoveKind, PaperMotion, SETTLING_BANDS};
 
 /// Times (ns after the start of the motion) and errors (m) of one run.
@@ -105,7 +106,7 @@ pub(crate) fn caption(chart: &Chart) -> &'static str {
     match chart.y_scale == Scale::Log {
         false => {
             "Position error of the moves with the noise of the sensors, with the reference scaled \
-             to it (the paper's Figures 6 and 7)."
+             to it (Figures 6 and 7 of the MI-Partners paper)."
         }
         true => {
             "The largest error that is still to come: where it falls to a line, the stage has \
@@ -157,6 +158,7 @@ pub fn demo_page(
         page.figure(chart, caption(chart))?;
     }
     page.section("Recordings");
+    page.text(&format!("Stage, guides and moves: {PAPER_WITH_TITLE}."));
     page.text("Each bag holds its model, seed and rates; friction-stage replay BAG repeats it.");
     page.list(files);
     Ok(page.finish())

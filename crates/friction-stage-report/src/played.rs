@@ -8,7 +8,7 @@ use crate::chart::{Axis, Chart, Style};
 use crate::figure::{FigureError, svg};
 use crate::paper_motion::{envelope, settled_at, settling_bands};
 use crate::sweep::milliseconds;
-use crate::words::{fixed, in_prefix};
+use crate::words::{fixed, in_prefix_short};
 use friction_stage_lab::{MotionQuality, Move, SETTLING_BANDS};
 
 /// Moves that the table lists one by one.
@@ -194,7 +194,7 @@ pub fn played_figure(
         let mut chart = Chart::new(
             format!(
                 "Settling of move {number} to {}{}",
-                in_prefix(a_move.target, "m"),
+                in_prefix_short(a_move.target, "m"),
                 if moves.len() > 2 { ", one of the two slowest" } else { "" }
             ),
             "time after the arrival of the reference, ms",

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 
 use crate::chart::{Chart, Style};
 use crate::figure::{FigureError, svg};
-use crate::words::{fixed, guide_label, in_line, in_prefix};
+use crate::words::{fixed, guide_label, in_line, in_prefix_short};
 use friction_stage_core::numerics::range;
 use friction_stage_core::plant::EffectDescriptor;
 use friction_stage_lab::{
@@ -286,10 +286,10 @@ fn motion_in_words(plan: &SweepPlan) -> String {
             let mut words = "a move".to_owned();
             if !is_swept("motion.distance") {
                 let unit = plan.model.joint.unit("m");
-                words = format!("{words} of {}", in_prefix(a_move.distance, &unit));
+                words = format!("{words} of {}", in_prefix_short(a_move.distance, &unit));
             }
             if !is_swept("motion.duration") {
-                words = format!("{words} in {}", in_prefix(a_move.duration, "s"));
+                words = format!("{words} in {}", in_prefix_short(a_move.duration, "s"));
             }
             words
         }
@@ -411,7 +411,7 @@ mod tests {
             "mass, kg",
             "guide 1 (sealed)\n",
             "mass 20 kg",
-            "stage, a move of 10.0 µm in 3.00 ms: 4 points",
+            "stage, a move of 10 µm in 3 ms: 4 points",
         ] {
             assert!(figure.contains(words), "{words}");
         }

@@ -5,12 +5,12 @@ use std::fmt::Write as _;
 use serde_json::{Value, json};
 
 use friction_stage_core::control::ControllerSettings;
-use friction_stage_core::model::StageModel;
+use friction_stage_core::model::{JointType, StageModel};
 use friction_stage_core::plant::Rates;
 use friction_stage_lab::{
-    Conditioning, LoopPoint, LoopResponse, Margins, MeasuredLoopPoint, MoveKind, PaperMotion,
-    SampledStage, Settings, StageMotion, Tuned, Tuning, break_away, errors_along, loop_frequencies,
-    measure_loop, settling, step_response,
+    Application, Conditioning, LoopPoint, LoopResponse, Margins, MeasuredLoopPoint, MoveKind,
+    PaperMotion, SampledStage, Settings, StageMotion, Tuned, Tuning, break_away, errors_along,
+    loop_frequencies, measure_loop, settling, step_response,
 };
 
 use crate::chart::{Axis, Chart, Style};
@@ -18,6 +18,7 @@ use crate::figure::svg;
 use crate::measured_loop::MeasuredReport;
 use crate::page::{Align, Cell, Mark, Page, Table, Tile};
 use crate::paper_motion::{caption, position_error_charts};
+use crate::words::{PAPER, in_prefix_short};
 
 /// Why a page could not be made.
 #[derive(Debug, thiserror::Error)]
@@ -268,10 +269,55 @@ fn margins_in_words(margins: &Margins) -> String {
     )
 }
 
-/// The page, and its figures with their names. `file` is what the user calls the model.
+/// Colours on the page, each with one meaning: of the controllers, the rule of thumb first; of the
+/// amplitudes; of the model and of what is measured, where these are compared.
+const CONTROLLERS: [usize; 3] = [1, 0, 6];
+const AMPLITUDES: [usize; 3] = [2, 3, 5];
+pub(crate) const COMPARED: [usize; 2] = [4, 7];
+
+/// Colour of a controller by its place.
+fn of_controller(index: usize) -> usize {
+    CONTROLLERS[index % CONTROLLERS.len()]
+}
+
+/// What the gains are for, as names and values.
+fn task(application: &Application, joint: JointType) -> [(&'static str, String); 4] {
+    let m = joint.unit("m");
+    let (motion, required) = (&application.motion, &application.requirement);
+    let length = |value: f64| in_prefix_short(value, &m);
+    let time = |value: f64| in_prefix_short(value, "s");
+    let returns = if motion.and_return { ", and back" } else { "" };
+    let before = &motion.conditioning;
+    [
+        ("application", application.name.clone()),
+        ("motion", format!("{} in {}{returns}", length(motion.distance), time(motion.duration))),
+        (
+            "before it",
+            format!(
+                "a move of {} in {} the other way, and a rest of {}",
+                length(before.distance),
+                time(before.duration),
+                time(before.rest)
+            ),
+        ),
+        (
+            "requirement",
+            format!(
+                "error of at most {}, and within {} at the latest {} after the arrival",
+                length(required.peak_error),
+                length(required.settling_band),
+                time(required.settling_time)
+            ),
+        ),
+    ]
+}
+
+/// The page, and its figures with their names. `file` is what the user calls the model,
+/// `application` what the gains were searched for.
 pub fn tuning_page(
     file: &str,
     model: &StageModel,
+    application: &Application,
     tuning: &Tuning,
     measured: Option<&MeasuredReport>,
     seed: u64,
@@ -282,6 +328,7 @@ pub fn tuning_page(
         format!("model \u{201c}{}\u{201d}; {}", model.name, verdict(tuning)),
     );
     let mut figures: Vec<(String, String)> = Vec::new();
+    page.facts(task(application, model.joint));
     page.tiles(&tiles(tuning));
     for warning in tuning_warnings(tuning, measured) {
         page.note(Mark::Warning, &warning);
@@ -303,7 +350,8 @@ pub fn tuning_page(
     let motions = [(StageMotion::PlainMass, "free mass".to_owned(), None)].into_iter().chain(
         SHOWN.map(|(share, words)| {
             let amplitude = share * distance;
-            let name = format!("{} µm, {words}", short(amplitude * 1e6));
+            let length = in_prefix_short(amplitude, &model.joint.unit("m"));
+            let name = format!("{length}, {words}");
             (StageMotion::Amplitude(amplitude), name, Some(amplitude))
         }),
     );
@@ -323,7 +371,11 @@ pub fn tuning_page(
         .filter(|frequency| (3.0..=0.1 * rate).contains(frequency))
         .step_by(18)
         .collect();
-    for (colour, (motion, name, amplitude)) in motions.enumerate() {
+    for (index, (motion, name, amplitude)) in motions.enumerate() {
+        let colour = match index {
+            0 => of_controller(1),
+            amplitude => AMPLITUDES[amplitude - 1],
+        };
         let stage = SampledStage::new(model, rate, 0.0, motion, &frequencies)?;
         let response = LoopResponse::new(&stage, &found.settings);
         let points = &response.points;
@@ -369,14 +421,14 @@ pub fn tuning_page(
         }
         if motion == StageMotion::PlainMass {
             let others = tuning.tunings.iter().enumerate().filter(|(index, _)| *index != 1);
-            for (colour, (_, one)) in others.enumerate() {
+            for (index, one) in others {
                 let name = format!("free mass, {}", one.name);
                 let response = LoopResponse::new(&stage, &one.settings);
                 let along = |of: fn(&LoopPoint) -> f64| {
                     response.points.iter().map(move |p| (p.frequency, of(p)))
                 };
                 let other = |chart: &mut Chart, points: Vec<(f64, f64)>| {
-                    chart.add(&name, 4 + colour, Style::Line, points);
+                    chart.add(&name, of_controller(index), Style::Line, points);
                 };
                 other(&mut gain, along(|p| p.open_loop.norm()).collect());
                 other(&mut sensitivity, in_decibels(&response.points).collect());
@@ -419,15 +471,17 @@ pub fn tuning_page(
     page.section("Step");
     let mut steps =
         Chart::new("Step of 1 µm of the reference", "time, ms", "position, part of the step");
-    for (colour, one) in tuning.tunings.iter().enumerate() {
+    for (index, one) in tuning.tunings.iter().enumerate() {
         let response = step_response(model, &one.settings, STEP.0, STEP.1)?;
         let points = response.into_iter().map(|(time, x)| (1e3 * time, x));
-        steps.add(&one.name, colour, Style::Line, points);
+        steps.add(&one.name, of_controller(index), Style::Line, points);
     }
+    steps.line("reference", Axis::Y, 1.0);
     page.figure(
         &steps,
-        "On the emulator, without noise and feedforward, from a rest in which the integral holds \
-         all constant forces: what moves the stage is the step alone.",
+        "On the emulator, without noise and feedforward, after a rest of ten time constants of the \
+         integral, 10 s at most, in which it takes over the constant forces: what moves the stage \
+         is the step alone.",
     )?;
     figures.push(("step".to_owned(), steps.svg()?));
     moves(&mut page, &mut figures, model, tuning, seed)?;
@@ -442,7 +496,7 @@ fn moves(
     tuning: &Tuning,
     seed: u64,
 ) -> Result<(), TuningPageError> {
-    page.section("The moves of the paper");
+    page.section(&format!("The moves of {PAPER}"));
     let motion = PaperMotion::new(REST, 1);
     // 5.7735 D / T^2, and the friction of the guides.
     let friction: f64 = model.resolved_guides()?.iter().map(|guide| guide.static_force).sum();
@@ -485,7 +539,12 @@ fn moves(
         }
         runs.push((one.name.clone(), errors));
     }
-    let charts = position_error_charts(&motion, &runs);
+    let mut charts = position_error_charts(&motion, &runs);
+    for curve in charts.iter_mut().flat_map(|chart| &mut chart.series) {
+        if let Some(index) = runs.iter().position(|run| run.0 == curve.name) {
+            curve.colour = of_controller(index);
+        }
+    }
     for chart in &charts {
         page.figure(chart, caption(chart))?;
     }

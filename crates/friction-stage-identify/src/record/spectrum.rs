@@ -15,6 +15,9 @@ const MOVING: f64 = 0.02;
 /// Most rows of the least squares over position. Assumed: a figure needs no more.
 const MOST_ROWS: usize = 6000;
 
+/// Multiplier of Knuth's linear congruential generator (MMIX).
+const SCATTER: u64 = 6_364_136_223_846_793_005;
+
 /// Amplitude density over frequency, as (Hz, N per root of Hz), of values at the rows of a
 /// recording: Hann windows, half overlapping, over pieces without a gap.
 pub fn over_time(measured: &Measured, values: &[f64]) -> Vec<(f64, f64)> {
@@ -89,9 +92,29 @@ pub(crate) fn moving(velocity: &[f64]) -> Vec<usize> {
     (0..velocity.len()).filter(|row| velocity[*row].abs() > MOVING * fastest).collect()
 }
 
+/// Part of the rows in motion whose speeds are within [`SAME`] of one that counts as held.
+const HELD: f64 = 0.05;
+/// By which part two speeds may differ that are one.
+const SAME: f64 = 0.01;
+
+/// The highest speed that is held, or that a turning motion has for a while; the highest of all
+/// where none is.
+fn highest_held(mut speeds: Vec<f64>) -> f64 {
+    speeds.sort_by(f64::total_cmp);
+    let least = (HELD * speeds.len() as f64).ceil() as usize;
+    let highest = speeds.last().copied().unwrap_or(0.0);
+    let held = speeds.iter().rev().copied().find(|speed| {
+        let from = speeds.partition_point(|one| *one < (1.0 - SAME) * speed);
+        let to = speeds.partition_point(|one| *one <= (1.0 + SAME) * speed);
+        to - from >= least
+    });
+    held.unwrap_or(highest)
+}
+
 /// Amplitude of the best sine over position, as (period in m, N), for periods from a fiftieth of a
-/// millimetre or the distance between two rows at the usual speed, whichever is longer, to the
-/// range of the positions. Only rows in motion count.
+/// millimetre or twice the distance between two rows at the highest held speed, whichever is
+/// longer, to the range of the positions: a shorter period is told from no longer one there. Only
+/// rows in motion count.
 pub fn over_position(
     position: &[f64],
     velocity: &[f64],
@@ -103,14 +126,17 @@ pub fn over_position(
         return Vec::new();
     }
     let every = moving.len().div_ceil(MOST_ROWS);
-    let moving: Vec<usize> = moving.into_iter().step_by(every).collect();
+    // Of each few rows one, at no even distance: even ones would make long periods of short ones.
+    let one_of = |(index, rows): (usize, &[usize])| {
+        let scattered = (index as u64 + 1).wrapping_mul(SCATTER) >> 33;
+        rows[scattered as usize % rows.len()]
+    };
+    let speeds = moving.iter().map(|row| velocity[*row].abs()).collect();
+    let moving: Vec<usize> = moving.chunks(every).enumerate().map(one_of).collect();
     let (low, high) = moving.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), row| {
         (low.min(position[*row]), high.max(position[*row]))
     });
-    let mut speeds: Vec<f64> = moving.iter().map(|row| velocity[*row].abs()).collect();
-    let middle = speeds.len() / 2;
-    let usual = *speeds.select_nth_unstable_by(middle, f64::total_cmp).1;
-    let shortest = (2.0 * usual * every as f64 / kept_rate).max(2e-5);
+    let shortest = (2.0 * highest_held(speeds) / kept_rate).max(2e-5);
     if high - low <= 2.0 * shortest {
         return Vec::new();
     }
@@ -161,5 +187,35 @@ mod tests {
         let spectrum = over_position(&position, &velocity, 500.0, &force);
         let peak = spectrum.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap();
         assert!((peak.0 / 0.004 - 1.0).abs() < 0.02 && (peak.1 - 1.5).abs() < 0.1, "{peak:?}");
+    }
+
+    #[test]
+    fn periods_that_the_rows_alias_are_not_shown() {
+        // A third of the record at 10 mm/s, the rest at 200 mm/s: rows of 200 Hz are 1 mm apart.
+        let mut position = vec![0.0];
+        let speed = |k: usize| if k % 3000 < 1000 { 0.01 } else { 0.2 };
+        let sign = |k: usize| if (k / 300) % 2 == 0 { 1.0 } else { -1.0 };
+        let velocity: Vec<f64> = (0..30_000).map(|k| sign(k) * speed(k)).collect();
+        for speed in &velocity[1..] {
+            position.push(position[position.len() - 1] + speed / 200.0);
+        }
+        let force: Vec<f64> = position.iter().map(|x| (TAU * x / 0.0006).sin()).collect();
+        let spectrum = over_position(&position, &velocity, 200.0, &force);
+        assert!((spectrum[0].0 - 2e-3).abs() < 1e-9, "{:?}", spectrum[0]);
+        // Twenty thousand rows in motion are thinned out, which makes no peak of its own.
+        let slow: Vec<f64> = velocity.iter().map(|v| v.signum() * 0.01).collect();
+        let along: Vec<f64> = slow
+            .iter()
+            .scan(0.0, |at, speed| {
+                *at += speed / 200.0;
+                Some(*at)
+            })
+            .collect();
+        let force: Vec<f64> = along.iter().map(|x| (TAU * x / 0.0006).sin()).collect();
+        let spectrum = over_position(&along, &slow, 200.0, &force);
+        let peak = spectrum.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap();
+        assert!((peak.0 / 0.0006 - 1.0).abs() < 0.03 && peak.1 > 0.8, "{peak:?}");
+        let far = spectrum.iter().filter(|point| (point.0 / 0.0006 - 1.0).abs() > 0.3);
+        assert!(far.map(|point| point.1).fold(0.0, f64::max) < 0.4, "{peak:?}");
     }
 }

@@ -1,15 +1,18 @@
 //! The page of an experiment, and the figures in it.
 
 use super::summary::ExperimentSummary;
-use crate::chart::{Chart, Style};
+use crate::chart::{Chart, Scale, Style};
 use crate::error::ReportError;
 use crate::page::{Align, Cell, Mark, Page, Table, Tile};
 use crate::paper_motion::settling_bands;
-use crate::words::{guide_label, in_prefix};
+use crate::words::{PAPER, PAPER_WITH_TITLE, guide_label, in_prefix_short, short, signed_percent};
 use friction_stage_core::model::Guide;
 use friction_stage_lab::{OwnMove, SETTLING_BANDS, Specimen};
 
 use Align::{Left, Right};
+
+/// What dashed curves are.
+const LAW: &str = "law of the model";
 
 /// A drawn figure of an experiment.
 pub struct ExperimentFigure {
@@ -36,7 +39,7 @@ struct Report<'a> {
 impl<'a> Report<'a> {
     fn new(summary: &'a ExperimentSummary<'a>) -> Report<'a> {
         let title = match summary.experiment {
-            "paper" => "The paper's statements, on the stage".to_owned(),
+            "paper" => format!("The statements of {PAPER}, on the stage"),
             name => format!("Experiment: {name}"),
         };
         let subtitle = format!(
@@ -66,6 +69,7 @@ impl<'a> Report<'a> {
         self.page.facts([
             ("program", format!("friction-stage {}", self.summary.version)),
             ("guides", self.summary.guides.join(", ")),
+            ("paper", PAPER_WITH_TITLE.to_owned()),
             ("seed of the sensor noise", self.summary.seed.to_string()),
             (
                 "bags",
@@ -131,7 +135,7 @@ impl<'a> Report<'a> {
         self.page.section("Statements");
         let mut table = Table::new(&[
             ("section", Left),
-            ("the paper says", Left),
+            ("the MI-Partners paper says", Left),
             ("the stage shows", Left),
             ("holds", Left),
         ]);
@@ -161,21 +165,22 @@ impl<'a> Report<'a> {
         let Some(fit) = self.summary.stiffness_of_guide_1 else { return Ok(()) };
         self.page.section("Three stiffnesses and one bristle");
         self.page.text(
-            "The paper states three effective stiffnesses of guide 1. A single LuGre bristle has k \
+            "The paper states three effective stiffnesses of guide 1. A single LuGre \
+             bristle has k \
              = Fs tanh(\u{3c3}0 A/Fs)/A, so two of them fix the third. Bristles in parallel that \
              slip one after another meet all three: four in the catalogue.",
         );
         let mut table = Table::new(&[
             ("amplitude", Left),
-            ("the paper, N/m", Right),
+            ("the MI-Partners paper, N/m", Right),
             ("lugre of the catalogue", Right),
             ("best single bristle", Right),
             ("lugre + distributed_bristles", Right),
         ]);
-        let percent = |value: f64| Cell::text(format!("{:+.2} %", 100.0 * value));
+        let percent = |value: f64| Cell::text(signed_percent(value, 2));
         for row in &fit.errors {
             table.row([
-                Cell::text(in_prefix(row.amplitude, "m")),
+                Cell::text(in_prefix_short(row.amplitude, "m")),
                 Cell::text(format!("{:.2e}", row.stated)),
                 percent(row.catalogue),
                 percent(row.best_single),
@@ -202,7 +207,7 @@ impl<'a> Report<'a> {
             }
         }
         chart.add(
-            "the paper",
+            PAPER,
             4,
             Style::Rings,
             fit.errors.iter().map(|row| (1e6 * row.amplitude, row.stated)),
@@ -210,7 +215,7 @@ impl<'a> Report<'a> {
         self.figure(
             "stiffness_of_guide_1",
             &chart,
-            "What the paper states (rings), one bristle, and bristles in parallel.",
+            &format!("What {PAPER} states (rings), one bristle, and bristles in parallel."),
         )
     }
 
@@ -225,7 +230,12 @@ impl<'a> Report<'a> {
              Marks are means of the force cell in both directions; thin dashed lines are the \
              closed form F(v) = g(v) sign(v) + \u{3c3}2 v of the model.",
         );
-        let mut whole = Chart::new("Friction over velocity", "velocity, m/s", "friction, N");
+        // The speeds of a Stribeck curve spread over decades, in both directions.
+        let speeds = curves.iter().flat_map(|curve| &curve.points).map(|p| 1e3 * p.velocity.abs());
+        let slowest = speeds.filter(|speed| *speed > 0.0).fold(f64::INFINITY, f64::min);
+        let scale = if slowest.is_finite() { Scale::Asinh(slowest) } else { Scale::Linear };
+        let mut whole =
+            Chart::new("Friction over velocity", "velocity, mm/s", "friction, N").along(scale);
         let mut slow = Chart::new(
             "Friction over speed, mean of both directions",
             "speed, mm/s",
@@ -246,7 +256,7 @@ impl<'a> Report<'a> {
                 guide_label(&curve.name),
                 colour,
                 Style::Both,
-                curve.points.iter().map(|p| (p.velocity, p.force.value)),
+                curve.points.iter().map(|p| (1e3 * p.velocity, p.force.value)),
             );
             let half = curve.points.len() / 2;
             let pairs = (0..half).map(|k| {
@@ -281,12 +291,24 @@ impl<'a> Report<'a> {
                 },
             ]);
         }
+        slow.dashed_are(LAW);
         self.figure(
             "stribeck_slow",
             &slow,
-            "Stribeck curve, logarithmic in speed (the paper's Figure 3).",
+            &format!(
+                "Stribeck curve, logarithmic in speed (Figure 3 of {PAPER}). Marks: measured; \
+                 dashed: the law."
+            ),
         )?;
-        self.figure("stribeck", &whole, "Stribeck curve, both directions.")?;
+        self.figure(
+            "stribeck",
+            &whole,
+            &format!(
+                "Stribeck curve, both directions. The axis is even up to {} mm/s, and logarithmic \
+                 beyond.",
+                short(slowest)
+            ),
+        )?;
         self.page.table(&table);
         Ok(())
     }
@@ -310,7 +332,7 @@ impl<'a> Report<'a> {
         ] {
             let amplitudes = match amplitude {
                 420e-6 => "40 and 420 µm".to_owned(),
-                one => in_prefix(one, "m"),
+                one => in_prefix_short(one, "m"),
             };
             let mut chart = Chart::new(
                 format!("Loops of {amplitudes}"),
@@ -392,6 +414,8 @@ impl<'a> Report<'a> {
                 );
             }
         }
+        stiffness.dashed_are(LAW);
+        area.dashed_are(LAW);
         self.figure(
             "dahl_stiffness",
             &stiffness,
@@ -424,7 +448,7 @@ impl<'a> Report<'a> {
                 };
                 table.row([
                     Cell::text(guide_label(&curves.name)),
-                    Cell::text(in_prefix(found.amplitude, "m")),
+                    Cell::text(in_prefix_short(found.amplitude, "m")),
                     Cell::text(format!("{:.3e}", found.stiffness.value)),
                     Cell::text(format!(
                         "{:.2} %",
@@ -617,7 +641,7 @@ impl<'a> Report<'a> {
                 }
                 (true, true) => "With viscous feedforward.",
                 (false, true) => "Position error after the reference has started.",
-                (false, false) => "The paper's Figure 6.",
+                (false, false) => "As Figure 6 of the MI-Partners paper.",
             };
             self.figure(name, &chart, caption)?;
         }
@@ -703,7 +727,7 @@ impl<'a> Report<'a> {
             let caption = match (fed, self.summary.own_move.is_some()) {
                 (true, _) => "With viscous feedforward.",
                 (false, true) => "Position error after the reference has started.",
-                (false, false) => "The paper's Figure 7.",
+                (false, false) => "As Figure 7 of the MI-Partners paper.",
             };
             self.figure(name, &chart, caption)?;
         }
@@ -746,8 +770,8 @@ impl<'a> Report<'a> {
         }
         self.page.section("Hunting");
         self.page.text(
-            "The stage rests near its target where only the integrator can move it. At the paper's \
-             60 Hz the guides' own stiffness keeps every stage at rest; with a softer controller \
+            "The stage rests near its target where only the integrator can move it. At the 60 Hz of \
+             the paper the guides' own stiffness keeps every stage at rest; with a softer controller \
              and more integral action a stage on guides with a falling F(v) may stick and slip \
              without end. Integral gain x 1: its corner at a tenth of the bandwidth, as in the \
              moves.",
@@ -814,16 +838,14 @@ impl<'a> Report<'a> {
                 ("to", Right),
                 ("stiffness", Right),
                 ("its standard error", Right),
-                ("behind the coupling", Right),
+                ("encoder at the motor", Right),
                 ("loop area", Right),
                 ("friction at 3 mm/s", Right),
                 ("ripple, N", Right),
             ])
             .captioned("Percentages: measured less true, of the true value.");
             let percent = |value: Option<f64>| {
-                Cell::text(
-                    value.map_or("\u{2013}".to_owned(), |value| format!("{:+.2} %", 100.0 * value)),
-                )
+                Cell::text(value.map_or("\u{2013}".to_owned(), |value| signed_percent(value, 2)))
             };
             for row in &rig.biases {
                 table.row([
@@ -854,7 +876,7 @@ impl<'a> Report<'a> {
             rows().map(|r| (r.value, 100.0 * r.stiffness_bias)),
         );
         chart.add(
-            "behind the coupling",
+            "encoder at the motor",
             1,
             Style::Both,
             rows().map(|r| (r.value, 100.0 * r.stiffness_bias_at_motor)),
@@ -868,7 +890,8 @@ impl<'a> Report<'a> {
         self.figure(
             "rig",
             &chart,
-            "Why the encoder sits at the guide: behind the coupling the two are springs in series.",
+            "Why the encoder sits at the guide: read at the motor, guide and coupling are springs in \
+             series.",
         )?;
         self.page.text(
             "Loop area: a servo of 60 Hz shakes the carriage by the encoder's noise about as fast \

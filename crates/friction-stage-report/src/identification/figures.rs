@@ -3,8 +3,10 @@
 
 use crate::chart::{Axis, Chart, Scale, Style, peaks};
 use crate::error::ReportError;
-use crate::words::{Words, in_prefix};
-use friction_stage_core::model::{Coordinate, Curve, CurveSide, JointType, StageModel};
+use crate::words::{Words, harmonic_name, in_prefix_short};
+use friction_stage_core::model::{
+    Coordinate, Curve, CurveSide, EffectParameters, JointType, StageModel,
+};
 use friction_stage_core::numerics::rounded;
 use friction_stage_core::plant::effects::CURVE;
 use friction_stage_identify::{
@@ -43,6 +45,8 @@ const BINS: [f64; 2] = [80.0, 2000.0];
 const LEAST_IN_BIN: usize = 6;
 /// How much wider than others a bin may be to hold them.
 const SPARSE: f64 = 8.0;
+/// Colour of what noise alone would be.
+const NOISE: usize = 4;
 /// Half width of the band of noise in its standard deviations: 95 % of the rows are within.
 const NOISE_BAND: f64 = 1.96;
 /// Where the ordinate of a spectrum begins, as a part of the density of the noise.
@@ -177,7 +181,7 @@ pub fn identification_figures(
     let joint = identification.model.joint;
     let train = Residuals::of(identification, &records.train.measured)?;
     let holdout = Residuals::of(identification, &records.holdout.measured)?;
-    let mut figures: Vec<IdentificationFigure> = maps(&identification.model)?;
+    let mut figures: Vec<IdentificationFigure> = maps(&identification.model, &holdout.sides())?;
     figures.extend(before_and_after(&holdout, "hold-out")?);
     if let Some(loops) = &identification.loops {
         figures.push(position(&records.holdout, &loops.holdout, joint)?);
@@ -237,9 +241,14 @@ pub fn identification_figures(
         let mut spread = chart_of("rms in each bin", "missing force, N rms");
         let sides = holdout.sides_that_miss();
         if let Some(worst) = sides.first() {
-            let half = NOISE_BAND * worst.floor;
             let noise = |what: &str| format!("noise, {}, {what}", worst.name);
-            chart.band(noise("95 %"), Axis::Y, -half, half);
+            let bins = binned(&along, worst.before, scale);
+            for (name, half) in
+                [(noise("95 % of the means"), -NOISE_BAND), (String::new(), NOISE_BAND)]
+            {
+                let edge = bins.iter().map(|bin| (bin.place, half * worst.floor / bin.rows.sqrt()));
+                chart.add(name, NOISE, Style::Dashed, edge);
+            }
             spread.band(noise("rms"), Axis::Y, 0.0, worst.floor);
             spread.y_least = Some(0.0);
         }
@@ -249,13 +258,13 @@ pub fn identification_figures(
                 &curve.name,
                 curve.colour,
                 Style::Both,
-                bins.iter().map(|bin| (bin.0, bin.1)),
+                bins.iter().map(|bin| (bin.place, bin.mean)),
             );
             spread.add(
                 curve.name,
                 curve.colour,
                 Style::Both,
-                bins.iter().map(|bin| (bin.0, bin.2)),
+                bins.iter().map(|bin| (bin.place, bin.rms)),
             );
         }
         let spread_out = match scale {
@@ -267,8 +276,9 @@ pub fn identification_figures(
         };
         let caption = format!(
             "What the declared (before) and the identified (after) model miss over {word}, \
-             hold-out record; mean of the rows of a bin, which scatters less than a \
-             row.{spread_out}"
+             hold-out record; mean of the rows of a bin. Dashed: 95 % of the means would be within \
+             if the noise of the sensors alone were left, which falls with the root of the number \
+             of rows in a bin.{spread_out}"
         );
         figures.push(IdentificationFigure::new(name, FigureGroup::Residual, chart, caption)?);
         // Over the signed coordinates a cause that changes its sign averages out; its size does
@@ -287,7 +297,7 @@ pub fn identification_figures(
 }
 
 /// The empirical curves of a model.
-fn maps(model: &StageModel) -> Result<Vec<IdentificationFigure>, ReportError> {
+fn maps(model: &StageModel, sides: &[Side]) -> Result<Vec<IdentificationFigure>, ReportError> {
     let curves = model.effects.iter().filter_map(|effect| effect.curve.as_ref());
     let figure = |(index, curve): (usize, &Curve)| {
         let word = curve.coordinate.name();
@@ -311,7 +321,13 @@ fn maps(model: &StageModel) -> Result<Vec<IdentificationFigure>, ReportError> {
             axis(model.joint, ordinate),
         );
         let points = curve.corners().into_iter().map(|(place, value)| (scale * place, value));
-        chart.add(CURVE.name, 0, Style::Line, points);
+        // It belongs to what is left on its side.
+        let name = match curve.side {
+            CurveSide::Motor => "motor side",
+            _ => "carriage side",
+        };
+        let colour = sides.iter().find(|side| side.name == name).map_or(0, |side| side.colours[1]);
+        chart.add(CURVE.name, colour, Style::Line, points);
         let jump = IdentifyFinding::of_jump(curve)
             .map_or_else(String::new, |jump| format!("; {}", jump.words(model.joint)));
         let name = match index {
@@ -568,7 +584,7 @@ fn spectra(
             .logarithmic(true, false);
     let density = residuals.noise_density();
     // The lowpass takes what is left of the highest frequencies to nothing, which is no result.
-    time.y_from = (density > 0.0).then_some(BELOW_NOISE * density);
+    time.y_from = (density > 0.0 && density.is_finite()).then_some(BELOW_NOISE * density);
     let sides = residuals.sides();
     let way = 1e3 * range_of(&position);
     // Peaks of the other side would lie on those of the one that matters.
@@ -600,16 +616,30 @@ fn spectra(
         time.add(name.clone(), colour, Style::Line, density);
         space.add(name, colour, Style::Line, over);
     }
-    for effect in &model.effects {
-        let value = |name: &str| effect.values.get(name).and_then(|value| value.number());
+    let mut families = Families::default();
+    // The fundamental before its harmonics.
+    let number = |effect: &EffectParameters, name: &str| effect.values.get(name)?.number();
+    let mut effects: Vec<&EffectParameters> = model.effects.iter().collect();
+    effects.sort_by(|a, b| {
+        let order = |effect| {
+            let period = number(effect, "period").map_or(0.0, |period| -period);
+            (period, number(effect, "frequency").unwrap_or(0.0))
+        };
+        let (a, b) = (order(a), order(b));
+        a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1))
+    });
+    for effect in effects {
+        let value = |name: &str| number(effect, name);
         let name = effect.name.replace('_', " ");
         // One that is 0 is that of no ripple.
         if let Some(period) = value("period").filter(|period| *period > 0.0) {
-            let length = in_prefix(period, &residuals.joint.unit("m"));
-            space.line(format!("{name}, {length}"), Axis::X, 1e3 * period);
+            let length = in_prefix_short(period, &residuals.joint.unit("m"));
+            let (label, colour) = families.of(&name, 1.0 / period, &length);
+            space.coloured_line(label, Axis::X, 1e3 * period, colour);
         }
         if let Some(frequency) = value("frequency").filter(|frequency| *frequency > 0.0) {
-            time.line(format!("{name}, {frequency:.1} Hz"), Axis::X, frequency);
+            let (label, colour) = families.of(&name, frequency, &format!("{frequency:.1} Hz"));
+            time.coloured_line(label, Axis::X, frequency, colour);
         }
     }
     Ok(vec![
@@ -629,6 +659,45 @@ fn spectra(
              a ball, a scale.",
         )?,
     ])
+}
+
+/// The effects of a spectrum by their fundamentals.
+#[derive(Default)]
+struct Families {
+    /// Name, frequency in time or position, colour.
+    known: Vec<(String, f64, usize)>,
+}
+
+/// Colours of their lines: grey, and those that no curve of a spectrum has.
+const FAMILIES: [usize; 4] = [4, 2, 3, 7];
+/// Part of a harmonic's place by which it may be off a whole multiple.
+const WHOLE_WITHIN: f64 = 0.02;
+
+impl Families {
+    /// Name in the legend and colour of an effect's line: a harmonic of one that is known has its
+    /// colour, and the number of the harmonic for a name.
+    fn of(&mut self, name: &str, frequency: f64, place: &str) -> (String, usize) {
+        let order = |fundamental: f64| {
+            let ratio = frequency / fundamental;
+            let whole = ratio.round();
+            (whole >= 2.0 && (ratio / whole - 1.0).abs() < WHOLE_WITHIN).then_some(whole)
+        };
+        let family = self.known.iter().find_map(|(of, fundamental, colour)| {
+            let order = (of == name).then(|| order(*fundamental)).flatten()?;
+            Some((order, *colour))
+        });
+        match family {
+            Some((order, colour)) => {
+                let which = harmonic_name(order as u32);
+                (format!("its {which} harmonic, {place}"), colour)
+            }
+            None => {
+                let colour = FAMILIES[self.known.len() % FAMILIES.len()];
+                self.known.push((name.to_owned(), frequency, colour));
+                (format!("{name}, {place}"), colour)
+            }
+        }
+    }
 }
 
 /// Part of a peak's place by which an effect may be off that it is the peak of.
@@ -658,11 +727,28 @@ fn range_of(values: &[f64]) -> f64 {
     (high - low).max(0.0)
 }
 
-/// (place, mean, rms) of the bins of a coordinate. A bin ends where it has its share of the rows,
+/// A bin of a coordinate; `NaN` for what there is none of.
+#[derive(Clone, Copy, Debug)]
+struct Bin {
+    /// Mean of the coordinate in it.
+    place: f64,
+    mean: f64,
+    rms: f64,
+    /// Number of its rows.
+    rows: f64,
+}
+
+impl Bin {
+    fn gap(place: f64) -> Bin {
+        Bin { place, mean: f64::NAN, rms: f64::NAN, rows: f64::NAN }
+    }
+}
+
+/// The bins of a coordinate. A bin ends where it has its share of the rows,
 /// so that a few far rows do not leave one bin to all others, and at the latest where it is as wide
 /// as it may be. `NaN` for one that holds too few rows and for a gap, so that no line goes through
 /// what was not there. Widths are those on the scale of the axis.
-fn binned(along: &[f64], values: &[f64], scale: Scale) -> Vec<(f64, f64, f64)> {
+fn binned(along: &[f64], values: &[f64], scale: Scale) -> Vec<Bin> {
     let mut rows: Vec<(f64, f64)> =
         along.iter().copied().zip(values.iter().copied()).filter(|row| row.0.is_finite()).collect();
     rows.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -689,11 +775,11 @@ fn binned(along: &[f64], values: &[f64], scale: Scale) -> Vec<(f64, f64, f64)> {
         let n = if bin.len() < LEAST_IN_BIN { f64::NAN } else { n };
         let sum: f64 = bin.iter().map(|row| row.1).sum();
         let squares: f64 = bin.iter().map(|row| row.1 * row.1).sum();
-        bins.push((place, sum / n, (squares / n).sqrt()));
+        bins.push(Bin { place, mean: sum / n, rms: (squares / n).sqrt(), rows: n });
         if let (Some(last), Some(next)) = (bin.last(), after.first())
             && apart(last.0, next.0) > widest
         {
-            bins.push((0.5 * (last.0 + next.0), f64::NAN, f64::NAN));
+            bins.push(Bin::gap(0.5 * (last.0 + next.0)));
         }
         rest = after;
     }
@@ -740,17 +826,32 @@ mod tests {
     }
 
     #[test]
+    fn the_harmonics_of_a_ripple_are_of_its_family() {
+        let mut families = Families::default();
+        let of = |families: &mut Families, name, period: f64| families.of(name, 1.0 / period, "p");
+        let first = of(&mut families, "cogging", 24e-3);
+        assert_eq!(first, ("cogging, p".to_owned(), FAMILIES[0]));
+        let second = of(&mut families, "cogging", 11.99e-3);
+        assert_eq!(second, ("its second harmonic, p".to_owned(), FAMILIES[0]));
+        for (name, period) in [("cogging", 15e-3), ("ball passage", 12e-3)] {
+            let (label, colour) = of(&mut families, name, period);
+            assert!(label.starts_with(name) && colour != FAMILIES[0], "{label}");
+        }
+    }
+
+    #[test]
     fn few_far_rows_do_not_hide_the_curve_of_the_others() {
         let near = (0..4000).map(|k| f64::from(k) * 1e-3 - 2.0);
         let far = [-300.0, -250.0].into_iter().chain((0..8).map(|k| 290.0 + 0.1 * f64::from(k)));
         let along: Vec<f64> = near.chain(far).collect();
         let values: Vec<f64> = along.iter().map(|at| at.sin()).collect();
         let bins = binned(&along, &values, Scale::Linear);
-        assert!(bins.is_sorted_by(|a, b| a.0 < b.0) && bins.len() < 200, "{}", bins.len());
-        let within: Vec<_> = bins.iter().filter(|bin| bin.0.abs() < 2.0).collect();
-        assert!(within.len() > 12 && within.iter().all(|bin| (bin.1 - bin.0.sin()).abs() < 0.05));
+        assert!(bins.is_sorted_by(|a, b| a.place < b.place) && bins.len() < 200, "{}", bins.len());
+        let within: Vec<_> = bins.iter().filter(|bin| bin.place.abs() < 2.0).collect();
+        let is_near = |bin: &&Bin| (bin.mean - bin.place.sin()).abs() < 0.05;
+        assert!(within.len() > 12 && within.iter().all(is_near));
         // Two rows at a place are no curve, eight are; nothing joins them.
-        let shown: Vec<bool> = bins.iter().map(|bin| bin.1.is_finite()).collect();
+        let shown: Vec<bool> = bins.iter().map(|bin| bin.mean.is_finite()).collect();
         assert!(!shown[0] && shown[shown.len() - 1]);
         assert!(shown.windows(2).filter(|two| two[0] != two[1]).count() >= 3);
         assert!(binned(&[1.0; 50], &[2.0; 50], Scale::Linear).is_empty());
@@ -759,8 +860,8 @@ mod tests {
         let far = (0..40).map(|k| 10.0 * 1.12f64.powi(k));
         let along: Vec<f64> = along.into_iter().filter(|at| at.abs() < 2.0).chain(far).collect();
         let of = |scale| binned(&along, &vec![1.0; along.len()], scale);
-        let seen = |bins: &[(f64, f64, f64)]| {
-            bins.iter().filter(|bin| bin.0 > 10.0 && bin.1.is_finite()).count()
+        let seen = |bins: &[Bin]| {
+            bins.iter().filter(|bin| bin.place > 10.0 && bin.mean.is_finite()).count()
         };
         let (even, both) = (of(Scale::Linear), of(Scale::of_both_signs(&along)));
         assert!(seen(&both) > seen(&even), "{} and {}", seen(&even), seen(&both));

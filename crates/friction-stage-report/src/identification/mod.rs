@@ -91,7 +91,7 @@ pub fn identification_text(summary: &Summary, page: &Path) -> String {
     }
     let _ = writeln!(
         out,
-        "explained share {:.3} of the held-out residual above the floor of {} {force}",
+        "explained share {:.3} of the held-out residual above the noise floor of {} {force}",
         summary.explained_share,
         short(summary.floor.force_rms)
     );

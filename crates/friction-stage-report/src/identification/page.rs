@@ -20,8 +20,8 @@ use friction_stage_identify::{
 const RESIDUAL_LOCATION: &str = "residual_location";
 
 /// What a candidate must explain on each record, in words.
-const LEAST_SHARE: &str = "a tenth of what is left to explain (a quarter beside laws that explain \
-                           nearly all, half beside a curve)";
+const LEAST_SHARE: &str = "a tenth of what is left to explain (a quarter where laws explain nearly \
+                           all, half where a curve does)";
 
 /// The page: verdict, effects, errors, parameters, figures, candidates. `name` is what the user
 /// calls the declared model.
@@ -96,7 +96,7 @@ pub fn identification_page(
             .to_owned(),
         ),
         (
-            "floor of the residual",
+            "noise floor of the residual",
             format!(
                 "motor side {} {n}, carriage side {} {n}, from the noise of the sensors",
                 short(selection.floor.motor),
@@ -109,9 +109,9 @@ pub fn identification_page(
         "Friction and effects are driven along the measured motion; measured and modelled forces \
          pass the same zero-phase lowpass. A candidate is fitted on the side where it acts, \
          together with what else moves that side; the one that is chosen is refitted with \
-         everything, all declared parameters within their tolerances. It stays only if it lowers \
+         everything, all declared parameters within their tolerances. It is kept only if it lowers \
          the error on the train record and on the hold-out, which no fit has seen, by more than \
-         chance, the sensors' floor and {LEAST_SHARE}; of laws that explain about the same the \
+         chance, the noise floor of the sensors and {LEAST_SHARE}; of laws that explain about the same the \
          simplest is taken.",
     ));
     page.subsection("Identified model");
@@ -131,7 +131,9 @@ fn verdict(page: &mut Page, selection: &Selection, summary: &Summary) {
     let (mark, sentence) = match selection.verdict {
         Verdict::Found => (Mark::Good, format!("The declared model lacks: {names}.")),
         Verdict::None => {
-            let left = selection.errors_after.holdout().sqrt();
+            // The number of the table below.
+            let left = summary.errors.holdout.force_rms.after;
+            let left = left.unwrap_or_else(|| selection.errors_after.holdout().sqrt());
             let floor = times_noise(left, selection.floor.total());
             let open = selection.left_open.map_or(String::new(), |open| {
                 format!("; after a fit to this train record {} {n} are open there", short(open))
@@ -150,18 +152,18 @@ fn verdict(page: &mut Page, selection: &Selection, summary: &Summary) {
             Mark::Warning,
             match selection.coordinate {
                 Some(coordinate) => format!(
-                    "Something is there over {} that no law of the list explains; an empirical map \
-                     stands for it. In the model now: {names}.",
+                    "No law of the list explains a force that depends on the {}; an empirical map \
+                     stands for it. The identified model has {names}.",
                     coordinate.name()
                 ),
                 None if names.is_empty() => {
-                    "Something is there that no law of the list and no map explains: what is left \
-                     is not noise."
+                    "A force is missing that no law of the list and no map explains: what is left is \
+                     more than noise."
                         .to_owned()
                 }
                 None => format!(
-                    "Something is there that no law of the list and no map explains: what is left \
-                     is not noise. In the model now, and not all of it: {names}."
+                    "A force is missing that no law of the list and no map explains: what is left is \
+                     more than noise. The identified model has {names}, which is not all of it."
                 ),
             },
         ),
@@ -207,7 +209,7 @@ fn verdict(page: &mut Page, selection: &Selection, summary: &Summary) {
             "force residual, hold-out",
             format!("{} {n}", number(force.after)),
             format!(
-                "before {} {n}, floor {} {n}",
+                "before {} {n}, noise floor {} {n}",
                 number(force.before),
                 short(summary.floor.force_rms)
             ),
@@ -226,7 +228,7 @@ fn verdict(page: &mut Page, selection: &Selection, summary: &Summary) {
             } else {
                 format!("{:.1} %", 100.0 * summary.explained_share)
             },
-            "of the held-out residual above the floor".to_owned(),
+            "of the held-out residual above the noise floor".to_owned(),
             if summary.effects.is_empty() {
                 Mark::Neutral
             } else if summary.explained_share >= 1.0 - LEFT_AT_MOST {
@@ -346,8 +348,8 @@ fn next_experiment(page: &mut Page, next: &NextExperiment, joint: JointType) {
             ]);
         }
         page.table(&table.captioned(
-            "Rms of what it would leave that the model cannot imitate, in floors of the \
-             sensors\u{2019} noise: these the present record shows least.",
+            "Rms of what it would leave that the model cannot imitate, over the noise floor of the \
+             sensors: these the present record shows least.",
         ));
     }
 }
@@ -619,7 +621,7 @@ fn candidates(page: &mut Page, selection: &Selection, n: &str) {
     page.text(&format!(
         "Candidates that are not in a round saw nothing of their kind in the residual. The gain is \
          the fall of the mean square of the missing force with the candidate; it is too little \
-         where it is within chance, below the sensors' floor, less than {LEAST_SHARE} or in one \
+         where it is within chance, below the noise floor of the sensors, less than {LEAST_SHARE} or in one \
          place of the train record alone. Ripples of several guides that were chosen together \
          stand with the gain of all of them.",
     ));

@@ -26,6 +26,12 @@ pub use model::{
 };
 pub use recording::{import_text, messages_text, proposal_text, recording_text, recover_text};
 
+/// Where the stage, its guides and its moves come from, within a sentence.
+pub(crate) const PAPER: &str = "the MI-Partners paper";
+/// The same with its title.
+pub(crate) const PAPER_WITH_TITLE: &str = "\u{201c}Recirculating linear ball bearings and their effect \
+    on the accuracy of positioning systems\u{201d} (MI-Partners)";
+
 /// What can be said in a sentence.
 pub trait Words {
     /// The sentence, without a full stop, as a part of a list or after a colon; with the units of a
@@ -113,12 +119,103 @@ pub fn in_prefix(value: f64, unit: &str) -> String {
     format!("{} {prefix}{unit}", short(value / scale))
 }
 
+/// The same of a value that was stated, without zeros at its end: 0.05 m is 50 mm.
+pub(crate) fn in_prefix_short(value: f64, unit: &str) -> String {
+    let shown = in_prefix(value, unit);
+    match shown.split_once(' ') {
+        Some((number, rest)) if number.contains('.') && !number.contains('e') => {
+            format!("{} {rest}", number.trim_end_matches('0').trim_end_matches('.'))
+        }
+        _ => shown,
+    }
+}
+
+/// Units that no line break parts from their number.
+const UNITS: [&str; 38] = [
+    "m",
+    "mm",
+    "µm",
+    "nm",
+    "rad",
+    "mrad",
+    "µrad",
+    "nrad",
+    "N",
+    "kN",
+    "mN",
+    "Hz",
+    "kHz",
+    "s",
+    "ms",
+    "µs",
+    "kg",
+    "g",
+    "%",
+    "dB",
+    "N/m",
+    "kN/m",
+    "MN/m",
+    "N/µm",
+    "m/N",
+    "mm/s",
+    "m/s",
+    "rad/s",
+    "µm/s",
+    "m/s\u{b2}",
+    "J",
+    "N\u{b2}",
+    "degrees",
+    "samples",
+    "rows",
+    "variants",
+    "points",
+    "times",
+];
+/// What may come after `N` within a unit.
+const AFTER_NEWTON: [&str; 4] = ["m", "s/m", "m/rad", "m\u{b7}s/rad"];
+
+/// A text in which no line break parts a number from its unit.
+pub(crate) fn unbroken(text: &str) -> String {
+    let bare =
+        |word: &str| word.trim_end_matches(['.', ',', ';', ':', ')', '\u{201d}', '"']).to_owned();
+    let words: Vec<&str> = text.split(' ').collect();
+    let mut joined = String::with_capacity(text.len() + 8);
+    let mut is_unit = false;
+    for (index, word) in words.iter().enumerate() {
+        if index > 0 {
+            let before = words[index - 1];
+            let of_number = before.ends_with(|c: char| c.is_ascii_digit())
+                && UNITS.contains(&bare(word).as_str());
+            let of_newton = is_unit && before == "N" && AFTER_NEWTON.contains(&bare(word).as_str());
+            is_unit = of_number;
+            joined.push(if of_number || of_newton { '\u{a0}' } else { ' ' });
+        }
+        joined.push_str(word);
+    }
+    joined
+}
+
+/// A share in per cent with its sign, except of none.
+pub(crate) fn signed_percent(share: f64, digits: usize) -> String {
+    let shown = format!("{:+.digits$} %", 100.0 * share);
+    match shown.contains(|c: char| ('1'..='9').contains(&c)) || !share.is_finite() {
+        true => shown,
+        false => shown[1..].to_owned(),
+    }
+}
+
 /// A number with so many digits behind the point; four digits and a power of ten from 10^9 on, as
 /// a loop that diverges makes them.
 pub(crate) fn fixed(value: f64, digits: usize) -> String {
     match value.abs() {
         size if size >= 1e9 => four_digits(value),
-        _ => format!("{value:.digits$}"),
+        _ => {
+            let shown = format!("{value:.digits$}");
+            match shown.strip_prefix('-') {
+                Some(zero) if !zero.contains(|c: char| ('1'..='9').contains(&c)) => zero.to_owned(),
+                _ => shown,
+            }
+        }
     }
 }
 
@@ -167,6 +264,23 @@ mod tests {
         let shown = [0.984665, 170_567.3, -2.0, 4.56789e-8, 1e300, f64::NAN].map(four_digits);
         assert_eq!(shown, ["0.9847", "170600", "-2", "4.568e-8", "1e300", "NaN"]);
         assert_eq!([12.3456, 1e300, 1e-9].map(|value| fixed(value, 2)), ["12.35", "1e300", "0.00"]);
+    }
+
+    #[test]
+    fn nothing_has_no_sign_and_a_stated_value_no_zeros_at_its_end() {
+        assert_eq!([-0.004, 0.0, -1.25].map(|value| fixed(value, 2)), ["0.00", "0.00", "-1.25"]);
+        let shown = [-1e-6, 0.0, 0.0123, -0.5].map(|share| signed_percent(share, 2));
+        assert_eq!(shown, ["0.00 %", "0.00 %", "+1.23 %", "-50.00 %"]);
+        let shown = [0.05, 1e-5, 2.4e-2, 0.0125].map(|value| in_prefix_short(value, "m"));
+        assert_eq!(shown, ["50 mm", "10 µm", "24 mm", "12.5 mm"]);
+    }
+
+    #[test]
+    fn no_line_break_parts_a_number_from_its_unit() {
+        let told = unbroken("a move of 50 mm in 100 ms, 3 N s/m (12.5 %). 2 N moves 4 stages");
+        let joined = "a move of 50\u{a0}mm in 100\u{a0}ms, 3\u{a0}N\u{a0}s/m (12.5\u{a0}%). \
+                      2\u{a0}N moves 4 stages";
+        assert_eq!(told, joined);
     }
 
     #[test]
