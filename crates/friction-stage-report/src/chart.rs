@@ -1077,7 +1077,8 @@ fn marks(range: &Span, scale: Scale, room: f64) -> Vec<f64> {
 
 /// Zero and whole powers on both sides of it, with 2 and 5 of each where these have room; even
 /// steps where next to nothing of the axis is logarithmic. From the largest down to zero each is
-/// left out that is too near to one that is there: at the limit of the even part they draw together.
+/// left out that is too near to one that is there: at the limit of the even part they draw
+/// together.
 fn asinh_marks(range: &Span, even: f64, room: f64) -> Vec<f64> {
     let largest = range.start.abs().max(range.end.abs());
     if largest < EVEN * even {

@@ -196,7 +196,7 @@ mod tests {
         // A third of the record at 10 mm/s, the rest at 200 mm/s: rows of 200 Hz are 1 mm apart.
         let mut position = vec![0.0];
         let speed = |k: usize| if k % 3000 < 1000 { 0.01 } else { 0.2 };
-        let sign = |k: usize| if (k / 300) % 2 == 0 { 1.0 } else { -1.0 };
+        let sign = |k: usize| if (k / 300).is_multiple_of(2) { 1.0 } else { -1.0 };
         let velocity: Vec<f64> = (0..30_000).map(|k| sign(k) * speed(k)).collect();
         for speed in &velocity[1..] {
             position.push(position[position.len() - 1] + speed / 200.0);

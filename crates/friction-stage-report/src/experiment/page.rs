@@ -770,11 +770,11 @@ impl<'a> Report<'a> {
         }
         self.page.section("Hunting");
         self.page.text(
-            "The stage rests near its target where only the integrator can move it. At the 60 Hz of \
-             the paper the guides' own stiffness keeps every stage at rest; with a softer controller \
-             and more integral action a stage on guides with a falling F(v) may stick and slip \
-             without end. Integral gain x 1: its corner at a tenth of the bandwidth, as in the \
-             moves.",
+            "The stage rests near its target where only the integrator can move it. At the 60 Hz \
+             of the paper the guides' own stiffness keeps every stage at rest; with a softer \
+             controller and more integral action a stage on guides with a falling F(v) may stick \
+             and slip without end. Integral gain x 1: its corner at a tenth of the bandwidth, as \
+             in the moves.",
         );
         let mut table = Table::new(&[
             ("guide", Left),
@@ -890,8 +890,8 @@ impl<'a> Report<'a> {
         self.figure(
             "rig",
             &chart,
-            "Why the encoder sits at the guide: read at the motor, guide and coupling are springs in \
-             series.",
+            "Why the encoder sits at the guide: read at the motor, guide and coupling are springs \
+             in series.",
         )?;
         self.page.text(
             "Loop area: a servo of 60 Hz shakes the carriage by the encoder's noise about as fast \

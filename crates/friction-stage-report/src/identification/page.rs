@@ -111,8 +111,8 @@ pub fn identification_page(
          together with what else moves that side; the one that is chosen is refitted with \
          everything, all declared parameters within their tolerances. It is kept only if it lowers \
          the error on the train record and on the hold-out, which no fit has seen, by more than \
-         chance, the noise floor of the sensors and {LEAST_SHARE}; of laws that explain about the same the \
-         simplest is taken.",
+         chance, the noise floor of the sensors and {LEAST_SHARE}; of laws that explain about the \
+         same the simplest is taken.",
     ));
     page.subsection("Identified model");
     for note in identified.notes()? {
@@ -157,13 +157,13 @@ fn verdict(page: &mut Page, selection: &Selection, summary: &Summary) {
                     coordinate.name()
                 ),
                 None if names.is_empty() => {
-                    "A force is missing that no law of the list and no map explains: what is left is \
-                     more than noise."
+                    "A force is missing that no law of the list and no map explains: what is left \
+                     is more than noise."
                         .to_owned()
                 }
                 None => format!(
-                    "A force is missing that no law of the list and no map explains: what is left is \
-                     more than noise. The identified model has {names}, which is not all of it."
+                    "A force is missing that no law of the list and no map explains: what is left \
+                     is more than noise. The identified model has {names}, which is not all of it."
                 ),
             },
         ),
@@ -621,8 +621,8 @@ fn candidates(page: &mut Page, selection: &Selection, n: &str) {
     page.text(&format!(
         "Candidates that are not in a round saw nothing of their kind in the residual. The gain is \
          the fall of the mean square of the missing force with the candidate; it is too little \
-         where it is within chance, below the noise floor of the sensors, less than {LEAST_SHARE} or in one \
-         place of the train record alone. Ripples of several guides that were chosen together \
-         stand with the gain of all of them.",
+         where it is within chance, below the noise floor of the sensors, less than {LEAST_SHARE} \
+         or in one place of the train record alone. Ripples of several guides that were chosen \
+         together stand with the gain of all of them.",
     ));
 }

@@ -433,11 +433,11 @@ mod tests {
         assert_eq!(
             finding.words(JointType::Prismatic),
             "residual of the laws alone, without a map, on the hold-out record, carriage side: \
-             0.57 N, 19.0 times what the noise of the sensors leaves; three quarters of its power is between 35.6 and 38.4 \
-             Hz; three quarters is between 7.30 and 7.36 s, 0.3 % of the time; nearly all of it is \
-             a single event between 7.30 and 7.50 s; three quarters is from 27.0 mm to 33.0 mm, \
-             12 % of the distance; 12 % of its power in motion is in the positive direction, \
-             50 % of that time; its correlation is -0.89 with the jerk"
+             0.57 N, 19.0 times what the noise of the sensors leaves; three quarters of its power \
+             is between 35.6 and 38.4 Hz; three quarters is between 7.30 and 7.36 s, 0.3 % of the \
+             time; nearly all of it is a single event between 7.30 and 7.50 s; three quarters is \
+             from 27.0 mm to 33.0 mm, 12 % of the distance; 12 % of its power in motion is in the \
+             positive direction, 50 % of that time; its correlation is -0.89 with the jerk"
         );
     }
 }

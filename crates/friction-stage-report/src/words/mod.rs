@@ -29,8 +29,8 @@ pub use recording::{import_text, messages_text, proposal_text, recording_text, r
 /// Where the stage, its guides and its moves come from, within a sentence.
 pub(crate) const PAPER: &str = "the MI-Partners paper";
 /// The same with its title.
-pub(crate) const PAPER_WITH_TITLE: &str = "\u{201c}Recirculating linear ball bearings and their effect \
-    on the accuracy of positioning systems\u{201d} (MI-Partners)";
+pub(crate) const PAPER_WITH_TITLE: &str = "\u{201c}Recirculating linear ball bearings and their \
+    effect on the accuracy of positioning systems\u{201d} (MI-Partners)";
 
 /// What can be said in a sentence.
 pub trait Words {
