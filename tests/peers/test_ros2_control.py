@@ -5,7 +5,9 @@ Runs where AMENT_PREFIX_PATH has them, with the Python of that ROS installation.
 """
 
 import os
+import shutil
 import signal
+import subprocess
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -51,6 +53,14 @@ pytestmark = pytest.mark.skipif(
 )
 
 
+def real_time() -> list[str]:
+    """As the launch file starts the manager: all threads with a real-time priority, where the
+    system permits it."""
+    chrt = shutil.which("chrt")
+    command = [chrt, "-f", "5"] if chrt else []
+    return command if subprocess.run([*command, "true"]).returncode == 0 else []
+
+
 class Manager:
     """A stage and the controller_manager above it, as friction_stage_ros2_control.launch.py starts
     them, but for robot_state_publisher: the test publishes the description itself."""
@@ -63,7 +73,8 @@ class Manager:
         self.description = ros.node.create_publisher(String, "/robot_description", latched)
         self.description.publish(String(data=(FILES / "friction_stage.urdf").read_text()))
         start("stage_node", *given, "-r", "__node:=stage", "-p", "mode:=lockstep")
-        self.process = start(str(folder / "ros2_control_node"), *given)
+        manager = [*real_time(), str(folder / "ros2_control_node"), *given]
+        self.process = start(*manager)
         spawner = start(
             str(folder / "spawner"),
             *BROADCASTERS,
