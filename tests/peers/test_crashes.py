@@ -253,9 +253,8 @@ def test_a_disk_that_runs_full_ends_the_recording_and_not_the_stage(ros, process
         assert response.success, response.message
         (metadata,) = large.glob("*/metadata.yaml")
         assert friction_stage("check", metadata.parent, code=0)["complete"]
-    else:
-        # No other recording has made good for it.
-        process.stop(expected=1)
+    # A recording after it does not make it whole.
+    process.stop(expected=1)
 
 
 # --- commands that start nodes

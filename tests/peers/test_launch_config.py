@@ -148,8 +148,18 @@ def test_urdf_and_controllers_fit_the_stage_and_each_other():
     assert loaded == set(of) - {"/**", "stage", "controller_manager"} | {"joint_state_broadcaster"}
 
 
-def gains_of(parameters: dict, joint: str = "stage") -> dict:
-    return {"gains": {"stage": parameters["gains"][joint]}} if "gains" in parameters else {}
+def of_joint(parameters: dict, joint: str = "stage") -> dict:
+    """What a controller's parameters say of the joint, and of its goals, as if it were `stage`."""
+    found = {}
+    if "gains" in parameters:
+        found["gains"] = {"stage": parameters["gains"][joint]}
+    if "constraints" in parameters:
+        constraints = parameters["constraints"]
+        found["constraints"] = {
+            "goal_time": constraints["goal_time"],
+            "stage": constraints[joint],
+        }
+    return found
 
 
 def test_urdf_and_controllers_of_two_axes_fit_the_stages_and_each_other():
@@ -177,9 +187,9 @@ def test_urdf_and_controllers_of_two_axes_fit_the_stages_and_each_other():
     for name, key in (joints_of | {"pid_controller": "dof_names"}).items():
         assert of[name][key] == list(AXES)
         alone = one[name]["ros__parameters"]
-        assert of[name] | {key: ["stage"]} | gains_of(alone) == alone
+        assert of[name] | {key: ["stage"]} | of_joint(alone) == alone
         for axis in AXES:
-            assert gains_of(of[name], axis) == gains_of(alone)
+            assert of_joint(of[name], axis) == of_joint(alone)
 
 
 @pytest.mark.parametrize("topic", ["joint_commands", "joint_commands/effort"])
