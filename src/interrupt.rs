@@ -191,9 +191,9 @@ mod tests {
         std::fs::create_dir_all(at("empty/figures")).unwrap();
         std::fs::create_dir_all(at("full/bags")).unwrap();
         std::fs::write(at("full/rows.csv"), "x").unwrap();
-        let told = tidy();
-        assert!(at("before").is_dir() && !at("empty").exists(), "{told}");
+        let reported = tidy();
+        assert!(at("before").is_dir() && !at("empty").exists(), "{reported}");
         assert!(at("full/rows.csv").exists() && !at("full/bags").exists());
-        assert!(told.contains("full holds rows.csv"), "{told}");
+        assert!(reported.contains("full holds rows.csv"), "{reported}");
     }
 }

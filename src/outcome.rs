@@ -49,8 +49,8 @@ pub fn exit_code(result: anyhow::Result<Outcome>) -> ExitCode {
             // Nobody may read stderr any more, and `eprintln!` would panic of that.
             let text = in_one_line(error.as_ref());
             let cut = text.char_indices().nth(LONGEST);
-            let (told, more) = cut.map_or((&text[..], ""), |(cut, _)| (&text[..cut], "..."));
-            let _ = writeln!(std::io::stderr(), "error: {}{more}", printable(told));
+            let (reported, more) = cut.map_or((&text[..], ""), |(cut, _)| (&text[..cut], "..."));
+            let _ = writeln!(std::io::stderr(), "error: {}{more}", printable(reported));
             match () {
                 () if error.is::<WrongArguments>() => ExitCode::from(2),
                 () if error.is::<Interrupted>() => ExitCode::from(INTERRUPTED),

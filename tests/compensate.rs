@@ -74,9 +74,9 @@ fn a_model_of_another_machine_is_refused_with_what_differs() {
     std::fs::write(directory.path().join("light.yaml"), "mass: 12.0\nguides: [guide_1]\n").unwrap();
     let run = compensate(directory.path(), &["--model", "light.yaml", "--real", "guide_1"], "out");
     assert_eq!(run.status.code(), Some(1), "{run:?}");
-    let told = String::from_utf8(run.stderr).unwrap();
+    let reported = String::from_utf8(run.stderr).unwrap();
     for words in ["12 kg", "40 kg", "1 guides", "4"] {
-        assert!(told.contains(words), "{told}");
+        assert!(reported.contains(words), "{reported}");
     }
     assert!(!directory.path().join("out").exists());
 }

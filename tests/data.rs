@@ -313,7 +313,7 @@ fn a_mapping_brings_columns_of_any_name_and_unit_to_si() {
     let imported = signals::load(&out, None).unwrap();
     assert_eq!(imported.trace.position, recording.trace.position);
     assert_eq!(imported.trace.force, recording.trace.force);
-    // what does not fit is told
+    // what does not fit is reported
     let error = |yaml: &str| {
         signals::load(&csv, Some(&Mapping::from_yaml(yaml, "m.yaml").unwrap()))
             .unwrap_err()
@@ -415,7 +415,7 @@ fn good_data_have_no_problem_and_show_their_noise_mass_and_friction() {
     assert!(found.judgements.iter().any(|j| j.subject == Subject::Mass && j.possible()));
 }
 
-/// What is done to a good run, and whether the right problem is told with the right severity.
+/// What is done to a good run, and whether the right problem is reported with the right severity.
 type Spoiled = (&'static str, fn(&mut Trace), fn(&DataFinding) -> bool, Severity);
 
 #[test]

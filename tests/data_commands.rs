@@ -51,12 +51,12 @@ fn noise_is_judged_by_the_model_in_the_bag_unless_another_is_named() {
     let made = friction_stage(&experiment);
     assert!(out.join("bags/guide_2_fine_step").is_dir(), "{}", stderr(&made));
     let bag = out.join("bags/guide_2_fine_step");
-    let told = stdout(&friction_stage(&["check", text(&bag)]));
-    assert!(told.contains("0.0500 N is declared"), "{told}");
+    let reported = stdout(&friction_stage(&["check", text(&bag)]));
+    assert!(reported.contains("0.0500 N is declared"), "{reported}");
     let quieter = home.path().join("quieter.yaml");
     std::fs::write(&quieter, "force_cell: {noise: 0.01}\n").unwrap();
-    let told = stdout(&friction_stage(&["check", text(&bag), "--model", text(&quieter)]));
-    assert!(told.contains("0.0100 N is declared"), "{told}");
+    let reported = stdout(&friction_stage(&["check", text(&bag), "--model", text(&quieter)]));
+    assert!(reported.contains("0.0100 N is declared"), "{reported}");
 }
 
 #[test]
@@ -131,18 +131,21 @@ fn a_csv_file_is_imported_checked_and_told_in_sentences_and_json() {
     assert!(kinds.contains(&"no_command") && kinds.contains(&"no_setpoint"), "{kinds:?}");
     assert!(!report["identification"]["judgements"].to_string().contains("assumed"), "{report}");
     let direct = friction_stage(&["check", text(&csv), "--mapping", text(&mapping)]);
-    let told = stdout(&direct);
+    let reported = stdout(&direct);
     assert!(
-        told.contains("Stribeck velocity of 1.0e-3 m/s (assumed: no model declares one)"),
-        "{told}"
+        reported.contains("Stribeck velocity of 1.0e-3 m/s (assumed: no model declares one)"),
+        "{reported}"
     );
     // What a recording lacks is no fault of it.
-    assert!(told.contains("note: there is no setpoint") && !told.contains("warning:"), "{told}");
-    assert_eq!(direct.status.code(), Some(0), "{told}");
     assert!(
-        told.contains("mass: can be identified")
-            && told.contains("closed loop: cannot be identified"),
-        "{told}"
+        reported.contains("note: there is no setpoint") && !reported.contains("warning:"),
+        "{reported}"
+    );
+    assert_eq!(direct.status.code(), Some(0), "{reported}");
+    assert!(
+        reported.contains("mass: can be identified")
+            && reported.contains("closed loop: cannot be identified"),
+        "{reported}"
     );
 }
 
@@ -181,9 +184,9 @@ fn a_mapping_is_proposed_and_then_imported() {
     let propose = || friction_stage(&["import", text(&csv), "--write", text(&mapping)]);
     let proposed = propose();
     assert_eq!(proposed.status.code(), Some(0), "{}{}", stdout(&proposed), stderr(&proposed));
-    let told = stdout(&proposed);
+    let reported = stdout(&proposed);
     for words in ["names in line 3", "units in line 4", "1000 Hz", "Position actual value"] {
-        assert!(told.contains(words), "{told}");
+        assert!(reported.contains(words), "{reported}");
     }
     let bag = home.path().join("bag");
     let imported =
@@ -282,17 +285,17 @@ fn a_replay_of_data_that_contradict_the_model_says_so() {
         let bag = home.path().join(force_scale.to_string());
         friction_stage(&["import", text(&csv), "--mapping", text(&mapping), "--out", text(&bag)]);
         let replay = friction_stage(&["replay", text(&bag), "--model", "guide_1"]);
-        let told = stdout(&replay);
+        let reported = stdout(&replay);
         assert_eq!(
             replay.status.code(),
             Some(if expected.is_some() { 3 } else { 0 }),
-            "{told}{}",
+            "{reported}{}",
             stderr(&replay)
         );
         assert!(
-            expected.is_none_or(|words| told.contains(words))
-                && told.contains("warning") == expected.is_some(),
-            "{told}"
+            expected.is_none_or(|words| reported.contains(words))
+                && reported.contains("warning") == expected.is_some(),
+            "{reported}"
         );
     }
     let full = friction_stage(&[
@@ -324,12 +327,12 @@ fn a_file_without_rows_a_standing_clock_and_one_column_for_two_signals_are_told(
         })
         .collect();
     std::fs::write(&csv, stands.join("\n")).unwrap();
-    let told = stderr(&check());
+    let reported = stderr(&check());
     assert!(
-        told.contains(
+        reported.contains(
             "1 usable samples of position (a value, at a time of its own), of 8000 in all"
         ),
-        "{told}"
+        "{reported}"
     );
     std::fs::write(&csv, &rows).unwrap();
     std::fs::write(
@@ -337,8 +340,8 @@ fn a_file_without_rows_a_standing_clock_and_one_column_for_two_signals_are_told(
         "signals: {time: {column: t}, position: {column: x, unit: mm}, force_cell: {column: x}}",
     )
     .unwrap();
-    let told = stdout(&check());
-    assert!(told.contains("takes position and force_cell from the same place"), "{told}");
+    let reported = stdout(&check());
+    assert!(reported.contains("takes position and force_cell from the same place"), "{reported}");
 }
 
 #[test]

@@ -44,8 +44,8 @@ fn the_lines_of_the_readme_find_what_is_hidden() {
         assert!(!declared.expect("the declared model").contains("effects"));
 
         let found = friction_stage(place.path(), &format!("{identify} --json"));
-        let told = String::from_utf8_lossy(&found.stderr);
-        assert!(matches!(found.status.code(), Some(0 | 3)), "{told}");
+        let reported = String::from_utf8_lossy(&found.stderr);
+        assert!(matches!(found.status.code(), Some(0 | 3)), "{reported}");
         let summary: Value = serde_json::from_slice(&found.stdout).expect("the summary");
         let answer = friction_stage(place.path(), reveal);
         let answer = String::from_utf8(answer.stdout).expect("the answer");
@@ -83,8 +83,8 @@ fn assert_model_file(place: &Path, line: &str, summary: &Value) {
     assert!(text.contains("#   mass ") && text.contains(" kg ") && text.contains(" to "), "{text}");
     let made_by = std::fs::read_to_string(place.join("result/made_by.json")).expect("who made it");
     let made_by: Value = serde_json::from_str(&made_by).expect("JSON");
-    let told = made_by["command"].as_str().expect("a command");
-    assert!(told.starts_with(&format!("friction-stage {command}")), "{told}");
+    let reported = made_by["command"].as_str().expect("a command");
+    assert!(reported.starts_with(&format!("friction-stage {command}")), "{reported}");
 }
 
 #[test]

@@ -1,5 +1,5 @@
-//! Files that were made to do harm, or were damaged so that they do: each is told or read, and none
-//! makes a program panic, hang, take more than 1 GB, open another file, or move the terminal.
+//! Files that were made to do harm, or were damaged so that they do: each is reported or read, and
+//! none makes a program panic, hang, take more than 1 GB, open another file, or move the terminal.
 
 use std::collections::BTreeMap;
 use std::io::Read as _;

@@ -1,5 +1,5 @@
-//! `friction-stage identify` on recordings of a stage whose hidden effects nobody declared, at the
-//! process boundary: verdict, effects, errors before and after, and what bad input gets.
+//! `friction-stage identify` on recordings of a stage whose hidden effects were not declared,
+//! at the process boundary: verdict, effects, errors before and after, and what bad input gets.
 //!
 //! The recordings stand in `FRICTION_STAGE_RECORDINGS`, else in `../shared/measured`; where they
 //! are absent the tests that need them say so and pass. What the recordings hide was inferred from
@@ -42,7 +42,7 @@ fn measured(run: &GeneratedRun) -> [Measured; 2] {
         .map(|columns| Measured::new(&columns.to_trace(), &declared, "a record").expect("data"))
 }
 
-/// What the search finds in an emulated run with effects that nobody declared.
+/// What the search finds in an emulated run with effects that was not declared.
 fn found_in(seed: u64, hidden: Vec<Effect>) -> Selection {
     let run = Setup::new(seed).with_all(hidden).generate().expect("a run");
     let [train, check] = measured(&run);
@@ -392,14 +392,14 @@ fn guides_of_another_friction_are_refused_with_what_it_is() {
     let other =
         Guide { viscous_friction: 5.0, ..declared.resolved_guides().expect("guides")[0].clone() };
     declared.guides = vec![GuideSource::Inline(other); 4];
-    let told = search(&declared, Tolerances::default(), &train, &check, &Silent)
+    let reported = search(&declared, Tolerances::default(), &train, &check, &Silent)
         .expect_err("another guide")
         .to_string();
     assert!(
-        told.contains("other guides")
-            && told.contains("viscous_friction is 1")
-            && told.contains("declared 5"),
-        "{told}"
+        reported.contains("other guides")
+            && reported.contains("viscous_friction is 1")
+            && reported.contains("declared 5"),
+        "{reported}"
     );
 }
 
@@ -490,9 +490,9 @@ fn bad_input_is_told_with_its_reason_and_the_right_exit_code() {
         (&short, &short, 2, "both train and hold-out"),
     ] {
         let output = identify(&["--train", train, "--holdout", holdout, "--out", &out, "--force"]);
-        let told = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(code), "{told}");
-        assert!(told.contains(words), "{words:?} is not in {told:?}");
+        let reported = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{reported}");
+        assert!(reported.contains(words), "{words:?} is not in {reported:?}");
     }
     let output = identify(&["--train", "nowhere", "--holdout", &short, "--out", &out]);
     assert_eq!(output.status.code(), Some(1));

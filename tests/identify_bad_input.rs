@@ -116,23 +116,26 @@ fn identify(model: &str, train: &Path, holdout: &Path, out: &Path) -> Output {
 
 /// Refused with every one of the words, without a verdict.
 fn assert_refused(name: &str, output: &Output, out: &Path, words: &[&str]) {
-    let told = String::from_utf8_lossy(&output.stderr);
+    let reported = String::from_utf8_lossy(&output.stderr);
     assert_eq!(
         output.status.code(),
         Some(1),
-        "{name}: {told}{}",
+        "{name}: {reported}{}",
         String::from_utf8_lossy(&output.stdout)
     );
     for word in words {
-        assert!(told.contains(word), "{name}: {word:?} is not in {told}");
+        assert!(reported.contains(word), "{name}: {word:?} is not in {reported}");
     }
-    assert!(!told.contains("panicked") && !out.join("summary.json").exists(), "{name}: {told}");
+    assert!(
+        !reported.contains("panicked") && !out.join("summary.json").exists(),
+        "{name}: {reported}"
+    );
 }
 
 /// Done with warnings, all words in them, without an effect; gives the verdict.
 fn warned(name: &str, output: &Output, words: &[&str]) -> String {
-    let told = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(3), "{name}: {told}");
+    let reported = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(3), "{name}: {reported}");
     let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     let warnings = summary["warnings"].to_string();
     for word in words {
@@ -475,8 +478,8 @@ fn a_motion_that_does_not_show_the_mass_accuses_nobody() {
     let [train, holdout] =
         [csv(home.path(), "train", &train()), csv(home.path(), "holdout", &along(&creep, 4))];
     let output = identify(MODEL, &train, &holdout, &home.path().join("out"));
-    let told = String::from_utf8_lossy(&output.stderr);
-    assert!(matches!(output.status.code(), Some(0 | 3)), "{told}");
+    let reported = String::from_utf8_lossy(&output.stderr);
+    assert!(matches!(output.status.code(), Some(0 | 3)), "{reported}");
     let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(summary["verdict"], "none", "{summary:#}");
 }
@@ -523,8 +526,8 @@ fn another_machine_than_the_declared_one_is_refused() {
             &format!("declares {mass}"),
         ];
         assert_refused(mass, &output, &out, &words);
-        let told = String::from_utf8_lossy(&output.stderr);
-        assert!(!told.contains("seems to be in"), "{mass}: {told}");
+        let reported = String::from_utf8_lossy(&output.stderr);
+        assert!(!reported.contains("seems to be in"), "{mass}: {reported}");
     }
 }
 
@@ -588,8 +591,8 @@ fn a_drag_of_guides_without_viscous_friction_is_a_law() {
     let (train, holdout) =
         (csv(home.path(), "train", &record(10.0, 3)), csv(home.path(), "holdout", &record(8.0, 4)));
     let output = identify(model.to_str().unwrap(), &train, &holdout, &home.path().join("out"));
-    let told = String::from_utf8_lossy(&output.stderr);
-    assert!(matches!(output.status.code(), Some(0 | 3)), "{told}");
+    let reported = String::from_utf8_lossy(&output.stderr);
+    assert!(matches!(output.status.code(), Some(0 | 3)), "{reported}");
     let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     // A gain of the motor or of the cell may come with it: the drag is added to both forces.
     assert!(matches!(summary["verdict"].as_str(), Some("found" | "not_separable")), "{summary:#}");

@@ -56,8 +56,8 @@ fn summary_of(run: &str) -> Option<(Summary, TempDir)> {
     assert_eq!(summary.schema_version, 1);
     let model = StageModel::load(&out.path().join(&summary.model)).unwrap();
     let found: Vec<&str> = model.effects.iter().map(|effect| effect.name.as_str()).collect();
-    let told: Vec<&str> = summary.effects.iter().map(|effect| effect.name.as_str()).collect();
-    assert_eq!(found, told);
+    let reported: Vec<&str> = summary.effects.iter().map(|effect| effect.name.as_str()).collect();
+    assert_eq!(found, reported);
     Some((summary, out))
 }
 
@@ -215,9 +215,9 @@ fn bad_data_end_with_a_sentence_and_never_with_a_verdict() {
         for (train, holdout) in [(&bad, &good), (&good, &bad)] {
             let output = identify(train, holdout, &out, &[]).output().unwrap();
             assert_eq!(output.status.code(), Some(1), "{name}: {}", stderr(&output));
-            let told = stderr(&output);
-            assert!(told.contains(words) && told.contains(name), "{name}: {told}");
-            assert!(!told.contains("panicked"), "{told}");
+            let reported = stderr(&output);
+            assert!(reported.contains(words) && reported.contains(name), "{name}: {reported}");
+            assert!(!reported.contains("panicked"), "{reported}");
             assert!(!out.join("summary.json").exists(), "{name}");
         }
     }

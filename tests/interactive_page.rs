@@ -170,8 +170,8 @@ fn a_keyboard_is_enough_and_says_what_it_finds() {
     open.browser.key("ArrowRight");
     let said = shown(0, ".plot-said");
     open.browser.wait_until(&format!("{said}.startsWith('10')"));
-    let told = open.browser.text(&said);
-    assert!(told.contains(" s: line 3") && told.contains("wave"), "{told}");
+    let reported = open.browser.text(&said);
+    assert!(reported.contains(" s: line 3") && reported.contains("wave"), "{reported}");
     open.browser.key("+");
     open.browser.key("+");
     let (left, right) = (open.values(0, 0.01).0, open.values(0, 0.99).0);

@@ -154,9 +154,9 @@ fn a_running_stage_is_watched_moved_and_recorded_from_the_page() {
 
     // What the page may not ask for is answered and does nothing.
     browser.evaluate(
-        "window.told = []; window.other = new WebSocket(`ws://${location.host}/data`); \
+        "window.reported = []; window.other = new WebSocket(`ws://${location.host}/data`); \
          other.onmessage = (m) => { const said = JSON.parse(m.data).said; if (said) \
-         told.push(said); }; new Promise((done) => { other.onopen = done; })",
+         reported.push(said); }; new Promise((done) => { other.onopen = done; })",
     );
     for (wish, words) in [
         ("{\"step\": 1e9}", "must be at most"),
@@ -165,10 +165,10 @@ fn a_running_stage_is_watched_moved_and_recorded_from_the_page() {
         ("{\"reboot\": 1}", "not understood"),
         ("nonsense", "not understood"),
     ] {
-        browser.evaluate(&format!("told.length = 0; other.send('{wish}')"));
-        browser.wait_until("told.length === 1");
-        let told = browser.text("told[0]");
-        assert!(told.contains(words), "{wish}: {told}");
+        browser.evaluate(&format!("reported.length = 0; other.send('{wish}')"));
+        browser.wait_until("reported.length === 1");
+        let reported = browser.text("reported[0]");
+        assert!(reported.contains(words), "{wish}: {reported}");
     }
     assert!(browser.console.is_empty(), "{:#?}", browser.console);
 
@@ -272,7 +272,7 @@ fn a_port_that_is_taken_and_a_stage_in_lockstep_are_told_at_the_start() {
         let parameters = [format!("live_port:={port}"), format!("mode:={mode}")];
         let output = node(domain.number(), &parameters).output().expect("the node starts");
         assert!(!output.status.success());
-        let told = String::from_utf8_lossy(&output.stderr);
-        assert!(told.contains(words) && told.contains("live_port"), "{told}");
+        let reported = String::from_utf8_lossy(&output.stderr);
+        assert!(reported.contains(words) && reported.contains("live_port"), "{reported}");
     }
 }

@@ -292,9 +292,9 @@ fn output_that_nobody_reads_is_no_error() {
             drop(child.stderr.take());
         }
         let Output { status, stderr, .. } = child.wait_with_output().unwrap();
-        let told = String::from_utf8(stderr).unwrap();
-        assert_eq!(status.code(), Some(code), "{arguments:?}: {told}");
-        assert!(!told.contains("pipe") && !told.contains("panicked"), "{told}");
+        let reported = String::from_utf8(stderr).unwrap();
+        assert_eq!(status.code(), Some(code), "{arguments:?}: {reported}");
+        assert!(!reported.contains("pipe") && !reported.contains("panicked"), "{reported}");
     }
     assert!(directory.path().join("merged/summary.json").exists());
 }

@@ -83,11 +83,11 @@ fn bad_input_is_refused_with_what_is_wrong() {
     for (index, (arguments, expected)) in cases.into_iter().enumerate() {
         let out = directory.path().join(format!("out_{index}"));
         let run = tune(arguments, &out);
-        let told = String::from_utf8(run.stderr).unwrap();
-        assert!(matches!(run.status.code(), Some(1 | 2)), "{arguments:?}: {told}");
-        assert!(!told.contains(" { "), "{arguments:?} shows a structure: {told}");
+        let reported = String::from_utf8(run.stderr).unwrap();
+        assert!(matches!(run.status.code(), Some(1 | 2)), "{arguments:?}: {reported}");
+        assert!(!reported.contains(" { "), "{arguments:?} shows a structure: {reported}");
         for words in expected {
-            assert!(told.contains(words), "{arguments:?} gave {told:?} without {words:?}");
+            assert!(reported.contains(words), "{arguments:?} gave {reported:?} without {words:?}");
         }
         assert!(!out.join("controller.yaml").exists());
     }
@@ -138,13 +138,13 @@ fn a_measured_loop_is_shown_next_to_that_of_the_model() {
 
     let bad = directory.path().join("bad.json");
     let text = measured.to_json().unwrap().replace("\"rate\": 4000.0", "\"rate\": 8000.0");
-    for (text, told) in [
+    for (text, reported) in [
         ("{}".to_owned(), "bad.json: not a measured loop: the key `schema_version` is missing"),
         (text, "bad.json was measured at 8000 Hz and the application is at 4000 Hz"),
     ] {
         std::fs::write(&bad, text).unwrap();
         let run = tune(&["guide_1", "--measured", bad.to_str().unwrap()], &out);
         let error = String::from_utf8_lossy(&run.stderr).into_owned();
-        assert!(run.status.code() != Some(0) && error.contains(told), "{error}");
+        assert!(run.status.code() != Some(0) && error.contains(reported), "{error}");
     }
 }

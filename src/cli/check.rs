@@ -60,8 +60,9 @@ pub fn run(args: &CheckArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let model = args.model.as_deref().map(model_named).transpose()?;
     super::tell_assumptions(model.as_ref());
     let progress = Progress::endless("reading");
-    let mut told = |count: u64| progress.say(format!("{:.1} million read", count as f64 * 1e-6));
-    let check = RecordingCheck::new(&args.bag, mapping.as_ref(), part, model, &mut told)?;
+    let mut reported =
+        |count: u64| progress.say(format!("{:.1} million read", count as f64 * 1e-6));
+    let check = RecordingCheck::new(&args.bag, mapping.as_ref(), part, model, &mut reported)?;
     drop(progress);
     if args.json {
         writeln!(out, "{}", serde_json::to_string_pretty(&recording_json(&check)?)?)?;

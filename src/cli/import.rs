@@ -105,11 +105,11 @@ fn import(
     let earlier = set_aside(bag, args.force, "--out")?;
     interrupt::writes(bag);
     let progress = Progress::endless("reading");
-    let mut told = |rows: u64| progress.say(format!("{:.1} million rows", rows as f64 * 1e-6));
+    let mut reported = |rows: u64| progress.say(format!("{:.1} million rows", rows as f64 * 1e-6));
     let reports = if args.split {
-        signals::import_captures(&args.csv, &mapping, &about, bag, &mut told)?
+        signals::import_captures(&args.csv, &mapping, &about, bag, &mut reported)?
     } else {
-        vec![signals::import(&args.csv, &mapping, &about, bag, &mut told)?]
+        vec![signals::import(&args.csv, &mapping, &about, bag, &mut reported)?]
     };
     drop(progress);
     if reports.iter().all(|report| report.rows == 0) {

@@ -253,7 +253,7 @@ fn next_to(bag: &Path, suffix: &str) -> PathBuf {
 /// Runs the command; results go to `out`, progress to stderr.
 pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let points = motion_file::stretched(&motion_file::load(&args.motion)?, args.stretch);
-    // Told here, not from the log of a node.
+    // Reported here, not from the log of a node.
     let model = model_named(&args.model)?;
     check_motion(&points, &model).with_context(|| args.motion.display().to_string())?;
     let (settings, gains, warning) = controller_of(args, &model)?;

@@ -18,13 +18,13 @@ const BETWEEN_LINES: Duration = Duration::from_secs(5);
 /// Shows on stderr how far a command is. Any thread may report.
 pub(super) struct Progress {
     bar: ProgressBar,
-    told: Arc<Mutex<Told>>,
+    reported: Arc<Mutex<Reported>>,
     /// Ends the thread that writes lines through a long step, where there is one.
     _lines: Option<Sender<()>>,
 }
 
 /// What was written where there is no terminal.
-struct Told {
+struct Reported {
     /// When the next line is due, after the start.
     due: Duration,
     /// Steps, which are what stands before a colon.
@@ -57,10 +57,10 @@ impl Progress {
         }
         bar.set_message(shown(message));
         bar.enable_steady_tick(Duration::from_millis(200));
-        let told = Told { due: FIRST_LINE, steps: BTreeSet::new() };
-        let told = Arc::new(Mutex::new(told));
-        let lines = bar.is_hidden().then(|| lines(bar.clone(), Arc::clone(&told)));
-        Progress { bar, told, _lines: lines }
+        let reported = Reported { due: FIRST_LINE, steps: BTreeSet::new() };
+        let reported = Arc::new(Mutex::new(reported));
+        let lines = bar.is_hidden().then(|| lines(bar.clone(), Arc::clone(&reported)));
+        Progress { bar, reported, _lines: lines }
     }
 
     /// What is done now.
@@ -98,18 +98,18 @@ impl Progress {
 
     fn tell(&self) {
         if self.bar.is_hidden() {
-            tell(&self.bar, &self.told);
+            tell(&self.bar, &self.reported);
         }
     }
 }
 
 /// Writes a line every few seconds until what it returns is dropped: a step may take long.
-fn lines(bar: ProgressBar, told: Arc<Mutex<Told>>) -> Sender<()> {
+fn lines(bar: ProgressBar, reported: Arc<Mutex<Reported>>) -> Sender<()> {
     let (sender, receiver) = channel();
     std::thread::spawn(move || {
         let mut wait = FIRST_LINE;
         while receiver.recv_timeout(wait) == Err(RecvTimeoutError::Timeout) {
-            tell(&bar, &told);
+            tell(&bar, &reported);
             wait = BETWEEN_LINES;
         }
     });
@@ -117,17 +117,17 @@ fn lines(bar: ProgressBar, told: Arc<Mutex<Told>>) -> Sender<()> {
 }
 
 /// Writes a line where one is due or a step begins.
-fn tell(bar: &ProgressBar, told: &Mutex<Told>) {
+fn tell(bar: &ProgressBar, reported: &Mutex<Reported>) {
     let elapsed = bar.elapsed();
     let message = bar.message();
-    let Ok(mut told) = told.lock() else { return };
-    let begins = message
-        .split_once(':')
-        .is_some_and(|(step, _)| !told.steps.contains(step) && told.steps.insert(step.to_owned()));
-    if elapsed < told.due && !begins {
+    let Ok(mut reported) = reported.lock() else { return };
+    let begins = message.split_once(':').is_some_and(|(step, _)| {
+        !reported.steps.contains(step) && reported.steps.insert(step.to_owned())
+    });
+    if elapsed < reported.due && !begins {
         return;
     }
-    told.due = elapsed + BETWEEN_LINES;
+    reported.due = elapsed + BETWEEN_LINES;
     let share = match bar.length() {
         Some(steps) if steps > 0 => format!("{} %, ", 100 * bar.position() / steps),
         _ => String::new(),

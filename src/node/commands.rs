@@ -280,7 +280,7 @@ impl Arbiter {
         self.owner.is_some_and(|owner| owner.source == source)
     }
 
-    /// Nobody commands the stage any more, as after a reset.
+    /// No source commands the stage any more, as after a reset.
     pub fn release(&mut self) {
         self.owner = None;
     }

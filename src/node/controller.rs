@@ -310,13 +310,18 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
     background.spawn(diagnose(&startup, &participant, status.clone(), lifecycle)?);
     background.spawn(end_as_second(&startup, &participant, control)?);
     let (wish, wishes) = futures::channel::mpsc::unbounded();
-    let (news, told) = futures::channel::mpsc::unbounded();
+    let (news, reported) = futures::channel::mpsc::unbounded();
     let name = startup.topic("~/follow_joint_trajectory");
     let wish = move |wanted| {
         // Where the loop has ended there is no answer.
         let _ = wish.unbounded_send(wanted);
     };
-    background.spawn(action::serve::<FollowJointTrajectory, _>(&participant, &name, wish, told)?);
+    background.spawn(action::serve::<FollowJointTrajectory, _>(
+        &participant,
+        &name,
+        wish,
+        reported,
+    )?);
 
     let work = ControllerLoop {
         encoder: Inlet::new(&participant, &startup.topic(&format!("{stage}/encoder")), &SAMPLES)?,

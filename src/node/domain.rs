@@ -16,7 +16,8 @@ pub struct OwnDomain {
 }
 
 impl OwnDomain {
-    /// Takes a domain in which nobody on this machine takes part, and that no other run has taken.
+    /// Takes a domain in which no process on this machine takes part, and that no other run has
+    /// taken.
     ///
     /// # Errors
     /// Where there is none.

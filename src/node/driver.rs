@@ -180,7 +180,7 @@ impl Driver {
         Driver::join(program, network, None)
     }
 
-    /// On loopback in the domain `wanted`, or in one that nobody else on this machine uses.
+    /// On loopback in the domain `wanted`, or in one that no other process on this machine uses.
     pub fn on_loopback(program: &Path, wanted: Option<u16>) -> anyhow::Result<Driver> {
         let own = match wanted {
             Some(_) => None,

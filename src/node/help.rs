@@ -47,23 +47,26 @@ mod tests {
 
     #[test]
     fn the_help_of_a_node_has_every_parameter_with_its_values() {
-        let told = text("stage_node", "The stage.", &stage_settings::specs());
+        let reported = text("stage_node", "The stage.", &stage_settings::specs());
         for parameter in stage_settings::specs() {
             assert!(
-                told.contains(&format!("\n  {}: ", parameter.name)),
-                "{} in {told}",
+                reported.contains(&format!("\n  {}: ", parameter.name)),
+                "{} in {reported}",
                 parameter.name
             );
         }
-        assert!(told.starts_with("The stage.\n\nUsage: stage_node "), "{told}");
+        assert!(reported.starts_with("The stage.\n\nUsage: stage_node "), "{reported}");
         assert!(
-            told.contains(
+            reported.contains(
                 "  mode: string, realtime or lockstep, default realtime, at start only\n"
             ),
-            "{told}"
+            "{reported}"
         );
-        assert!(told.contains("  clock_pause: double, 0.0 to 1.0 s, default 0.0 s\n"), "{told}");
-        assert!(told.contains("-p [NODE:]NAME:=VALUE"), "{told}");
+        assert!(
+            reported.contains("  clock_pause: double, 0.0 to 1.0 s, default 0.0 s\n"),
+            "{reported}"
+        );
+        assert!(reported.contains("-p [NODE:]NAME:=VALUE"), "{reported}");
         assert!(
             text("", "", &controller_settings::specs()).contains("\n  enabled: bool, default true")
         );

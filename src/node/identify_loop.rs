@@ -341,13 +341,13 @@ mod tests {
         assert!(ratios.iter().all(|ratio| (ratio / ratios[0] - 1.0).abs() < 1e-9), "{ratios:?}");
         assert_eq!((found.sines.len(), found.sines[0].frequency), (20, 10.0));
         assert!(found.duration < 60.0);
-        for (changes, told) in [
+        for (changes, reported) in [
             ([("identify_loop.force", 401.0)], "must be at most 400 N"),
             ([("identify_loop.highest", 1601.0)], "at most 1600 Hz"),
             ([("identify_loop.lowest", 0.1)], "identify_loop.duration allows 60 s"),
         ] {
             let error = plan(&changes).unwrap_err();
-            assert!(error.contains(told), "{error}");
+            assert!(error.contains(reported), "{error}");
         }
     }
 
@@ -362,16 +362,16 @@ mod tests {
             (Terms { holding: false, ..good }, "a motion began"),
             (Terms { reference: moved, ..good }, "a motion began"),
         ];
-        for (bad, told) in cases {
+        for (bad, reported) in cases {
             let (mut measurement, settings, mut answer) = measurement();
             assert!(matches!(measurement.update(0, &good, &settings), Progress::Add(_)));
             let Progress::Failed(why) = measurement.update(250_000, &bad, &settings) else {
                 panic!("{bad:?} was taken");
             };
-            assert!(why.contains(told), "{why}");
+            assert!(why.contains(reported), "{why}");
             measurement.end(Some(why));
             let ended = answer.try_recv().unwrap().unwrap_err();
-            assert!(ended.contains("at 10.0 Hz") && ended.contains(told), "{ended}");
+            assert!(ended.contains("at 10.0 Hz") && ended.contains(reported), "{ended}");
         }
         // Close to the limit there is no room for the sine.
         let (mut measurement, settings, answer) = measurement();

@@ -114,7 +114,7 @@ enum Wish {
 /// What is sent to a page.
 #[derive(Serialize)]
 #[serde(untagged)]
-enum Told {
+enum Reply {
     Samples {
         t: Vec<f64>,
         position: Vec<f64>,
@@ -221,8 +221,8 @@ async fn pump(
             continue;
         }
         let recording = recorder.is_recording();
-        let told = Told::Samples { t, position, error, force, recording };
-        if let Ok(text) = serde_json::to_string(&told) {
+        let reported = Reply::Samples { t, position, error, force, recording };
+        if let Ok(text) = serde_json::to_string(&reported) {
             let _ = frames.send(text.into());
         }
     }
@@ -248,11 +248,11 @@ impl Served {
     }
 
     /// What to tell a page about its wish.
-    async fn answer(&self, text: &str) -> Told {
+    async fn answer(&self, text: &str) -> Reply {
         let wish = match serde_json::from_str(text) {
             Ok(wish) => wish,
             Err(error) => {
-                return Told::Done { said: format!("not understood: {error}"), bandwidth: None };
+                return Reply::Done { said: format!("not understood: {error}"), bandwidth: None };
             }
         };
         let (reply, answer) = oneshot::channel();
@@ -270,7 +270,7 @@ impl Served {
                     Ok(Ok(said) | Err(said)) => said,
                     Err(error) => error.to_string(),
                 };
-                return Told::Done { said, bandwidth: None };
+                return Reply::Done { said, bandwidth: None };
             }
         };
         let gone = || Err("the stage is shutting down".to_owned());
@@ -285,7 +285,7 @@ impl Served {
             }
             *in_use
         });
-        Told::Done { said: done.unwrap_or_else(|reason| reason), bandwidth }
+        Reply::Done { said: done.unwrap_or_else(|reason| reason), bandwidth }
     }
 }
 

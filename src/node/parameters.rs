@@ -84,22 +84,22 @@ impl ParameterSpec {
     /// runs.
     pub fn values(&self) -> String {
         let unit = unit(self.unit);
-        let mut told = type_name(&self.default).to_owned();
+        let mut reported = type_name(&self.default).to_owned();
         if let Some((min, max)) = self.range {
             let limit = |value: f64| match self.default {
                 ParameterValue::Integer(_) => format!("{value}"),
                 _ => format!("{value:?}"),
             };
-            told += &format!(", {} to {}{unit}", limit(min), limit(max));
+            reported += &format!(", {} to {}{unit}", limit(min), limit(max));
         }
         if !self.choices.is_empty() {
-            told += &format!(", {}", self.choices.join(" or "));
+            reported += &format!(", {}", self.choices.join(" or "));
         }
-        told += &match show(&self.default) {
+        reported += &match show(&self.default) {
             nothing if nothing.is_empty() => ", default none".to_owned(),
             default => format!(", default {default}{unit}"),
         };
-        if self.read_only { told + ", at start only" } else { told }
+        if self.read_only { reported + ", at start only" } else { reported }
     }
 
     /// Refuses a value of another type, out of range, not a number, or not among the choices.

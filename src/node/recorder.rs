@@ -699,7 +699,7 @@ impl Work {
             *lock(&self.status.fault) = Some(error.to_string());
             self.status.recording.store(false, Ordering::Release);
             self.count_refused();
-            // Dropping the writer would try the full disk again; its error has been told.
+            // Dropping the writer would try the full disk again; its error has been reported.
             self.bag = None;
             self.controller = None;
         }

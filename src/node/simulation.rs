@@ -385,11 +385,16 @@ pub fn serve(
         },
     )?));
     let (wish, wishes) = unbounded();
-    let (news, told) = unbounded();
+    let (news, reported) = unbounded();
     let wish = move |wanted| {
         let _ = wish.unbounded_send(wanted);
     };
-    tasks.push(Box::pin(action::serve::<SimulateSteps, _>(participant, action_name, wish, told)?));
+    tasks.push(Box::pin(action::serve::<SimulateSteps, _>(
+        participant,
+        action_name,
+        wish,
+        reported,
+    )?));
     tasks.push(Box::pin(act(acting, wishes, news)));
     Ok(tasks)
 }
@@ -416,8 +421,8 @@ async fn act(
     mut wishes: UnboundedReceiver<Wish<SimulateSteps>>,
     news: UnboundedSender<News<SimulateSteps>>,
 ) {
-    let tell = |told| {
-        let _ = news.unbounded_send(told);
+    let tell = |reported| {
+        let _ = news.unbounded_send(reported);
     };
     let mut acting: Option<Acting> = None;
     let mut interval = tokio::time::interval(FEEDBACK);

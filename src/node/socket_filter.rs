@@ -511,7 +511,7 @@ mod tests {
             let mut buffer =
                 libc::iovec { iov_base: bytes.as_mut_ptr().cast(), iov_len: bytes.len() };
             // SAFETY: zero is a message without anything; all pointers are to locals of the
-            // lengths that are told.
+            // lengths that are reported.
             let received = unsafe {
                 let mut message: libc::msghdr = std::mem::zeroed();
                 message.msg_name = source.as_mut_ptr().cast();

@@ -72,8 +72,8 @@ struct Servo {
     follower: Box<Follower>,
     supervisor: Supervisor,
     health: Health,
-    /// Samples since it was told of last.
-    told: u32,
+    /// Samples since it was last reported.
+    reported: u32,
     /// It has been stopped; over when this gives no force.
     stop: Option<DampedStop>,
 }
@@ -95,7 +95,7 @@ impl Servo {
             controller,
             follower: Box::new(follower),
             health: Health::Fine,
-            told: 0,
+            reported: 0,
             stop: None,
         })
     }
@@ -134,11 +134,11 @@ impl Servo {
         let is_other = std::mem::discriminant(&health) != std::mem::discriminant(&self.health);
         self.health = health;
         // The numbers of a warning change while it lasts.
-        self.told += 1;
-        let is_due = f64::from(self.told) >= self.controller.settings().rate * NEWS;
+        self.reported += 1;
+        let is_due = f64::from(self.reported) >= self.controller.settings().rate * NEWS;
         let is_news = is_other || is_due && health != Health::Fine;
         if is_news {
-            self.told = 0;
+            self.reported = 0;
         }
         let force = match health {
             Health::Stop(_) => {
@@ -155,7 +155,7 @@ impl Servo {
     }
 }
 
-/// Interval at which the state of a loop that does not hold is told, s.
+/// Interval at which the state of a loop that does not hold is reported, s.
 const NEWS: f64 = 0.1;
 /// Answer to a wish that only a stage with its own loop can fulfil.
 const NO_SERVO: &str = "drive: force: another node controls this stage";

@@ -237,16 +237,16 @@ mod tests {
     #[test]
     fn a_second_source_is_named_once_there_are_two_at_once() {
         let status = StageStatus::default();
-        let told = |status: &StageStatus| {
+        let reported = |status: &StageStatus| {
             let values = status.diagnostic("a".into(), "b".into(), vec![], &[], &[]).values;
             values.into_iter().find(|value| value.key == SECOND_SOURCE).map(|value| value.value)
         };
         let topic = CommandTopic::Force;
         let refusal = |second| Refusal::OtherSource { topic, owner: topic, since: 0, second };
         status.refuse_command(&refusal(None));
-        assert_eq!(told(&status), None);
+        assert_eq!(reported(&status), None);
         status.refuse_command(&refusal(Some([0xa5; 16])));
-        assert_eq!(told(&status), Some([["a5"; 16].join(".")].concat()));
+        assert_eq!(reported(&status), Some([["a5"; 16].join(".")].concat()));
     }
 
     #[test]
@@ -267,8 +267,11 @@ mod tests {
         let status = StageStatus::default();
         status.move_on("no answer");
         status.move_on("no answer");
-        let told = status.diagnostic("a".into(), "b".into(), vec![], &[], &[]);
-        assert_eq!((told.level, told.message.as_str()), (DiagnosticStatus::WARN, "no answer"));
-        assert!(told.values.contains(&KeyValue::new("unanswered_samples", 2)));
+        let reported = status.diagnostic("a".into(), "b".into(), vec![], &[], &[]);
+        assert_eq!(
+            (reported.level, reported.message.as_str()),
+            (DiagnosticStatus::WARN, "no answer")
+        );
+        assert!(reported.values.contains(&KeyValue::new("unanswered_samples", 2)));
     }
 }

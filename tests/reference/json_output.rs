@@ -297,10 +297,10 @@ fn the_page_of_the_json_is_current() {
             .current_dir(home.path())
             .output()
             .expect("the program starts");
-        let told = String::from_utf8_lossy(&output.stderr);
-        assert!(matches!(output.status.code(), Some(0 | 3)), "{command}: {told}");
+        let reported = String::from_utf8_lossy(&output.stderr);
+        assert!(matches!(output.status.code(), Some(0 | 3)), "{command}: {reported}");
         let printed: Value = serde_json::from_slice(&output.stdout)
-            .unwrap_or_else(|error| panic!("{command}: {error}: {told}"));
+            .unwrap_or_else(|error| panic!("{command}: {error}: {reported}"));
         let mut walk = Walk { command: title, structs: &structs, found: BTreeMap::new() };
         walk.look(&printed, "");
         let shown = command.replace("$/", "").split_whitespace().collect::<Vec<_>>().join(" ");

@@ -298,9 +298,9 @@ fn an_unknown_name_is_refused_with_the_nearest_one() {
         (["model", "missing.yaml"], "missing.yaml"),
     ] {
         let output = friction_stage(&arguments);
-        let told = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(1), "{told}");
-        assert!(told.contains(words), "{told}");
+        let reported = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{reported}");
+        assert!(reported.contains(words), "{reported}");
     }
 }
 
@@ -360,7 +360,10 @@ fn a_model_is_shown_with_its_units_and_what_follows_from_it() {
 
     std::fs::write(&path, "effects: [{cogging: {amplitude: -5, period: 0.02}}]\n").expect("a file");
     let output = friction_stage(&["model", &path]);
-    let told = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(1), "{told}");
-    assert!(told.contains("effects.cogging.amplitude") && told.contains("-5"), "{told}");
+    let reported = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{reported}");
+    assert!(
+        reported.contains("effects.cogging.amplitude") && reported.contains("-5"),
+        "{reported}"
+    );
 }

@@ -1,5 +1,5 @@
-//! How well identification does on recordings whose hidden effects it is not told: false alarms,
-//! right names, detection over size, effects that are in nobody's list, and several at once.
+//! How well identification does on recordings whose hidden effects it does not know: false alarms,
+//! right names, detection over size, effects that are in no list, and several at once.
 //!
 //! `cargo bench -p blind-tests --bench identify -- none --runs 200`, `names --runs 3`,
 //! `power --only cogging --floors 0.5,1,2`, `unlisted`, `mixed --runs 20`; `--json` writes one JSON
@@ -479,7 +479,7 @@ impl Session<'_> {
 
     /// Per effect: shares that are detected and named over the size, the size at which half are
     /// detected, and the share that is named from five times that size on. Named is also what the
-    /// verdict says cannot be told from its rival.
+    /// verdict says cannot be distinguished from its rival.
     fn curves(&self) {
         println!("\ndetected / named, %, at floors");
         let mut effects: BTreeMap<&str, Vec<&Report>> = BTreeMap::new();
@@ -695,8 +695,8 @@ fn right(
     selection.verdict == Verdict::Found && (named == wanted || named == all)
 }
 
-/// Whether the verdict is that what is hidden cannot be told from something else: each hidden name
-/// is found or the rival of one that is, and nothing else is.
+/// Whether the verdict is that what is hidden cannot be distinguished from something else: each
+/// hidden name is found or the rival of one that is, and nothing else is.
 fn is_open(hidden: &[Hidden], selection: &Selection, found: &[&str]) -> bool {
     let wanted = wanted(hidden);
     let rivals = |one: &str, two: &str| {

@@ -259,7 +259,7 @@ pub struct GeneratedRun {
     pub train: Columns,
     /// To score on.
     pub check: Columns,
-    /// What nobody tells the one who identifies.
+    /// What identification is not given.
     pub truth: Truth,
 }
 

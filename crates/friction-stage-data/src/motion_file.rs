@@ -166,8 +166,11 @@ mod tests {
                 "finite",
             ),
         ] {
-            let told = from_yaml(text, "a.yaml").unwrap_err().to_string();
-            assert!(told.contains("a.yaml is no motion") && told.contains(words), "{told:?}");
+            let reported = from_yaml(text, "a.yaml").unwrap_err().to_string();
+            assert!(
+                reported.contains("a.yaml is no motion") && reported.contains(words),
+                "{reported:?}"
+            );
         }
     }
 }

@@ -299,14 +299,14 @@ proptest! {
 
 #[test]
 fn objects_of_matlab_are_called_so_and_what_they_refer_to_is_not_listed() {
-    let told = Proposal::of(&fixture("objects.mat")).unwrap_err().to_string();
+    let reported = Proposal::of(&fixture("objects.mat")).unwrap_err().to_string();
     for name in ["runs", "label"] {
         let said = format!("{name} (an object: save its columns as arrays, or in a struct)");
-        assert!(told.contains(&said), "{told}");
+        assert!(reported.contains(&said), "{reported}");
     }
-    assert!(!told.contains("MCOS") && !told.contains("refs"), "{told}");
+    assert!(!reported.contains("MCOS") && !reported.contains("refs"), "{reported}");
     let mapping = "rate: 1000\nsignals: {position: {column: runs}}";
     let mapping = Mapping::from_yaml(mapping, "m.yaml").unwrap();
-    let told = load(fixture("objects.mat"), Some(&mapping)).unwrap_err().to_string();
-    assert!(told.contains("an object"), "{told}");
+    let reported = load(fixture("objects.mat"), Some(&mapping)).unwrap_err().to_string();
+    assert!(reported.contains("an object"), "{reported}");
 }

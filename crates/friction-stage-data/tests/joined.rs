@@ -167,7 +167,7 @@ fn a_bag_is_not_made_of_files_without_a_time_in_common() {
     let path = two_files(directory.path());
     let mapping = Mapping::from_yaml(&mapping(1000.0), "m.yaml").unwrap();
     let bag = directory.path().join("bag");
-    let told = import(&path, &mapping, &BTreeMap::new(), &bag, &mut |_| {}).unwrap_err();
-    assert!(told.to_string().contains("no time in common"), "{told}");
+    let reported = import(&path, &mapping, &BTreeMap::new(), &bag, &mut |_| {}).unwrap_err();
+    assert!(reported.to_string().contains("no time in common"), "{reported}");
     assert!(!bag.exists());
 }

@@ -577,8 +577,11 @@ fn rows_with_the_newest_first_are_refused_with_what_to_do() {
     let lines = rows(",", '.', "\n");
     let newest: String = lines.lines().rev().map(|line| format!("{line}\n")).collect();
     let text = format!("t,x,u\n{newest}");
-    let told = error(&text, MAPPING);
-    assert!(told.contains("newest row comes first") && told.contains("line 4"), "{told}");
+    let reported = error(&text, MAPPING);
+    assert!(
+        reported.contains("newest row comes first") && reported.contains("line 4"),
+        "{reported}"
+    );
     let file = file("t.csv", format!("time,x_mm,f\n{newest}"));
     let proposal = Proposal::of(&file.path).unwrap();
     let (what, check) = proposal.checks()[0];
@@ -706,9 +709,9 @@ fn each_capture_of_a_file_is_a_bag() {
             .map(|(index, count)| (*count as u64, (1e5 * index as f64).round() / 1e6))
             .collect();
         assert_eq!(captures("a.csv", &format!("t,x,u\n{text}")).unwrap(), expected);
-        let told = read("a.csv", format!("t,x,u\n{text}"), MAPPING).unwrap_err().to_string();
-        assert!(told.contains(&format!("line {}", lengths[0] + 2)), "{told}");
-        assert!(told.contains("--split"), "{told}");
+        let reported = read("a.csv", format!("t,x,u\n{text}"), MAPPING).unwrap_err().to_string();
+        assert!(reported.contains(&format!("line {}", lengths[0] + 2)), "{reported}");
+        assert!(reported.contains("--split"), "{reported}");
     }
     // Names and units before each capture; times that continue, and times that start again.
     for begin in [0.0, 100.0] {
@@ -719,8 +722,11 @@ fn each_capture_of_a_file_is_a_bag() {
     }
     // Another table is no capture of this one.
     let text = format!("t,x,u\n{}t,y,v\n{}", capture(40, 0.0, 0.0), capture(40, 0.2, 0.0));
-    let told = captures("c.csv", &text).unwrap_err().to_string();
-    assert!(told.contains("another capture or table") && told.contains("line 42"), "{told}");
+    let reported = captures("c.csv", &text).unwrap_err().to_string();
+    assert!(
+        reported.contains("another capture or table") && reported.contains("line 42"),
+        "{reported}"
+    );
 }
 
 #[test]
@@ -760,11 +766,11 @@ fn a_part_of_a_recording_is_the_rows_of_the_whole() {
             let part = load_part(source, mapping, Window { from, to, most }).unwrap();
             assert_eq!(part.trace.position, whole.trace.position[rows.clone()], "{from:?} {to:?}");
             assert_eq!(part.trace.force, whole.trace.force[rows.clone()], "{from:?} {to:?}");
-            let told = part.quality.notes.iter().find_map(|note| match note {
+            let reported = part.quality.notes.iter().find_map(|note| match note {
                 SignalNote::OnlyPart { samples, .. } => Some(*samples),
                 _ => None,
             });
-            assert_eq!(told, Some(rows.len() as u64));
+            assert_eq!(reported, Some(rows.len() as u64));
             let same = |(a, b): (&f64, &f64)| a == b || a.is_nan() && b.is_nan();
             let reference = part.trace.reference_position.iter();
             let expected = &whole.trace.reference_position[rows];
@@ -772,8 +778,8 @@ fn a_part_of_a_recording_is_the_rows_of_the_whole() {
         }
     }
     let beyond = Window { from: Some(99.0), ..Window::default() };
-    let told = load_part(&file.path, Some(&mapping), beyond).unwrap_err().to_string();
-    assert!(told.contains("0 samples of position from 99 s to its end"), "{told}");
+    let reported = load_part(&file.path, Some(&mapping), beyond).unwrap_err().to_string();
+    assert!(reported.contains("0 samples of position from 99 s to its end"), "{reported}");
 }
 
 #[test]
@@ -897,8 +903,8 @@ fn an_error_is_no_position() {
     let proposal = proposal_of("t [s];Soll [mm];Fehler [A];F [N]", &[t, x, x, &|k| values(k).1]);
     assert_eq!(column_of(&proposal, Signal::Position), None, "{proposal:#?}");
     let wrong = "signals: {position: {column: a, unit: mm, minus: b, minus_unit: A}}";
-    let told = Mapping::from_yaml(wrong, "m.yaml").unwrap_err().to_string();
-    assert!(told.contains("minus_unit") && told.contains("same kind"), "{told}");
+    let reported = Mapping::from_yaml(wrong, "m.yaml").unwrap_err().to_string();
+    assert!(reported.contains("minus_unit") && reported.contains("same kind"), "{reported}");
 }
 
 #[test]
@@ -1022,9 +1028,10 @@ fn names_of_rows_have_no_name_themselves() {
     // Nothing says which column has no name.
     let last = format!("t,x,u\n{}", rows(",", '.', ",7\n"));
     for (text, named) in [(&milliseconds, "t_ms"), (&last, "t")] {
-        let told = error(text, &MAPPING.replace("{column: t}", &format!("{{column: {named}}}")));
-        assert!(told.contains("line 1 has 3 names for 4 columns"), "{told}");
-        assert!(told.contains("by number"), "{told}");
+        let reported =
+            error(text, &MAPPING.replace("{column: t}", &format!("{{column: {named}}}")));
+        assert!(reported.contains("line 1 has 3 names for 4 columns"), "{reported}");
+        assert!(reported.contains("by number"), "{reported}");
         let proposal = Proposal::of(&file("t.csv", text).path).unwrap();
         assert!(proposal.columns.iter().all(|column| column.name.is_empty()), "{proposal:?}");
     }
@@ -1139,13 +1146,13 @@ fn rows_with_the_other_decimal_mark_are_never_left_out() {
                     format!("{time};{}\n", row.split_once(';').unwrap().1)
                 })
                 .collect();
-            let told = error(format!("t;x;u\n{turned}"), MAPPING);
-            assert!(told.contains("decimal"), "{told}");
+            let reported = error(format!("t;x;u\n{turned}"), MAPPING);
+            assert!(reported.contains("decimal"), "{reported}");
         }
         let text = format!("t;x [m];u [N]\n{}{}", half(first, 0), half(second, 90));
         let mapping = MAPPING.replace("column: x", "column: 2").replace("column: u", "column: 3");
-        let told = error(&text, &mapping);
-        assert!(told.contains("decimal") || told.contains("words"), "{told}");
+        let reported = error(&text, &mapping);
+        assert!(reported.contains("decimal") || reported.contains("words"), "{reported}");
     }
 }
 
@@ -1223,10 +1230,10 @@ fn a_word_may_be_said_to_stand_for_no_value() {
     let rows = rows(";", '.', "\n");
     for word in ["OverRange", "+OVLD", "Sensor error"] {
         let text = format!("t;x;u\n{rows}").replacen(&format!("{:.6}", values(50).1), word, 1);
-        let told = error(&text, MAPPING);
-        assert!(told.contains("line 52:"), "{told}");
-        assert!(told.contains(&format!("{word:?} in column 3 (u)")), "{told}");
-        assert!(told.contains(&format!("csv: {{missing: [{word:?}]}}")), "{told}");
+        let reported = error(&text, MAPPING);
+        assert!(reported.contains("line 52:"), "{reported}");
+        assert!(reported.contains(&format!("{word:?} in column 3 (u)")), "{reported}");
+        assert!(reported.contains(&format!("csv: {{missing: [{word:?}]}}")), "{reported}");
         let said = format!("csv: {{missing: [x-x, {word:?}]}}\n{MAPPING}");
         let recording = read("t.csv", &text, &said).unwrap();
         let force = recording.quality.signal(Signal::Force).unwrap();
@@ -1276,8 +1283,8 @@ fn rows_that_begin_with_a_word_end_a_table() {
         );
     }
     // Where rows follow it is an error as anywhere.
-    let told = error(format!("t,x,u\n{rows}Min,-3.32,-20.4\n9.0,1.0,2.0\n"), MAPPING);
-    assert!(told.contains("line 202: \"Min\" in column 1 (t)"), "{told}");
+    let reported = error(format!("t,x,u\n{rows}Min,-3.32,-20.4\n9.0,1.0,2.0\n"), MAPPING);
+    assert!(reported.contains("line 202: \"Min\" in column 1 (t)"), "{reported}");
     // The first column may be text that the mapping does not use.
     let marked: String = rows
         .lines()
@@ -1310,8 +1317,11 @@ fn a_few_rows_with_names_of_their_own_are_settings() {
         [format!("a,b,c\n-2,1,2\n-1,1,2\nt,x,u\n{rows}"), format!("a,b,c\n{many}t,x,u\n{rows}")]
     {
         let by_number = "signals: {time: {column: 1}, position: {column: 2}, force: {column: 3}}";
-        let told = error(&text, by_number);
-        assert!(told.contains("names_in_line: ") && told.contains("data_from_line: "), "{told}");
+        let reported = error(&text, by_number);
+        assert!(
+            reported.contains("names_in_line: ") && reported.contains("data_from_line: "),
+            "{reported}"
+        );
     }
 }
 
@@ -1331,11 +1341,14 @@ fn a_file_that_is_no_text_is_told_by_what_it_is() {
     ];
     for (begin, what) in begins {
         let bytes = [begin, &zeros].concat();
-        let told = error(&bytes, MAPPING);
-        assert!(told.contains(what) && told.contains("table.csv"), "{what}: {told}");
+        let reported = error(&bytes, MAPPING);
+        assert!(reported.contains(what) && reported.contains("table.csv"), "{what}: {reported}");
         // A bag may be an SQLite database.
-        let told = Proposal::of(&file("a.dat", &bytes).path).unwrap_err().to_string();
-        assert!(told.contains(what) || told.contains("a recording already"), "{what}: {told}");
+        let reported = Proposal::of(&file("a.dat", &bytes).path).unwrap_err().to_string();
+        assert!(
+            reported.contains(what) || reported.contains("a recording already"),
+            "{what}: {reported}"
+        );
     }
     // What fills up a block at the end, or a field of settings, is no binary file.
     let rows = rows(",", '.', "\n");
@@ -1351,8 +1364,8 @@ fn a_refused_import_leaves_nothing_and_touches_nothing_of_others() {
     let file = file("t.csv", format!("t,x,u\n{}\n", broken.join("\n")));
     let mapping = Mapping::from_yaml(MAPPING, "m.yaml").unwrap();
     let out = file.path.with_file_name("bag");
-    let told = import(&file.path, &mapping, &BTreeMap::new(), &out, &mut |_| ()).unwrap_err();
-    assert!(told.to_string().contains("\"words\""), "{told}");
+    let reported = import(&file.path, &mapping, &BTreeMap::new(), &out, &mut |_| ()).unwrap_err();
+    assert!(reported.to_string().contains("\"words\""), "{reported}");
     assert!(!out.exists());
     // What is there already stays as it is.
     std::fs::create_dir(&out).unwrap();
@@ -1364,8 +1377,8 @@ fn a_refused_import_leaves_nothing_and_touches_nothing_of_others() {
         lines.lines().map(|l| format!(",{}\n", l.split_once(',').unwrap().1)).collect();
     let file = self::file("t.csv", format!("t,x,u\n{timeless}"));
     let out = file.path.with_file_name("timeless");
-    let told = import(&file.path, &mapping, &BTreeMap::new(), &out, &mut |_| ()).unwrap_err();
-    assert!(told.to_string().contains("signals.time"), "{told}");
+    let reported = import(&file.path, &mapping, &BTreeMap::new(), &out, &mut |_| ()).unwrap_err();
+    assert!(reported.to_string().contains("signals.time"), "{reported}");
     assert!(!out.exists());
 }
 
@@ -1542,8 +1555,8 @@ fn a_number_that_stands_for_a_missing_time_is_none() {
     };
     let text = format!("t;x;u\n{}", (0..ROWS).map(row).collect::<String>());
     let mapping = MAPPING.replace("column: t", "column: t, unit: ms");
-    let told = error(text, &format!("csv: {{missing: [\"-1\"]}}\n{mapping}"));
-    assert!(told.contains("sample 51 has none"), "{told}");
+    let reported = error(text, &format!("csv: {{missing: [\"-1\"]}}\n{mapping}"));
+    assert!(reported.contains("sample 51 has none"), "{reported}");
 }
 
 #[test]
@@ -1572,12 +1585,13 @@ fn seconds_and_nanoseconds_in_columns_of_their_own_are_one_time() {
         assert_eq!(recording.trace.position[7], values(7).0);
     }
     let wrong = |text: &str| Mapping::from_yaml(text, "m.yaml").unwrap_err().to_string();
-    let told = wrong("signals: {time: {column: s, plus: ns}, position: {column: x}}");
-    assert!(told.contains("plus_unit: ns"), "{told}");
-    let told = wrong("signals: {position: {column: x, plus: y, plus_unit: ns}}");
-    assert!(told.contains("`plus` adds a column of times"), "{told}");
-    let told = wrong("signals: {time: {column: s, plus: y, plus_unit: mm}, position: {column: x}}");
-    assert!(told.contains("must be one of time"), "{told}");
+    let reported = wrong("signals: {time: {column: s, plus: ns}, position: {column: x}}");
+    assert!(reported.contains("plus_unit: ns"), "{reported}");
+    let reported = wrong("signals: {position: {column: x, plus: y, plus_unit: ns}}");
+    assert!(reported.contains("`plus` adds a column of times"), "{reported}");
+    let reported =
+        wrong("signals: {time: {column: s, plus: y, plus_unit: mm}, position: {column: x}}");
+    assert!(reported.contains("must be one of time"), "{reported}");
 }
 
 #[test]
@@ -1626,8 +1640,8 @@ fn clocks_of_windows_unnamed_stamps_and_tables_that_lie_on_their_side_are_told()
     assert!(checks.iter().any(|(_, check)| check.contains("turn the table round")), "{checks:?}");
     // What is no table is quoted.
     let lines: String = (0..9).map(|k| format!("{{\"t\": {k}, \"x\": {k}}}\n")).collect();
-    let told = Proposal::of(&file("t.csv", lines).path).unwrap_err().to_string();
-    assert!(told.contains("line 9 is `{\"t\": 8"), "{told}");
+    let reported = Proposal::of(&file("t.csv", lines).path).unwrap_err().to_string();
+    assert!(reported.contains("line 9 is `{\"t\": 8"), "{reported}");
 }
 
 /// Times in whole digits that are no small part of the period: the rate is that of the samples, and

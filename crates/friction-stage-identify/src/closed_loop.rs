@@ -312,7 +312,7 @@ pub fn position_error(
         let recorded = trace.position[row];
         if recorded.is_finite() && unknown > LONGEST_BRIDGED {
             // Behind a hole the stage is where the recording says, as fast as it says; what its
-            // bristles hold nobody knows.
+            // bristles hold is not known.
             let read = sensors.read(trace.time[row], recorded, 0.0).0;
             let next = trace
                 .position
@@ -419,7 +419,7 @@ mod tests {
         let error = position_error(&model, &trace, &controller).unwrap();
         assert!(way.abs() > 5e-3, "{way:e} m in the hole");
         assert!(error[hole.clone()].iter().all(|error| error.is_nan()));
-        // What the bristles held nobody knows, and the velocity only from two samples.
+        // What the bristles held is not known, and the velocity only from two samples.
         let (before, behind) = (rms(&error[..hole.start]), rms(&error[hole.end..]));
         assert!(before < 5e-9 && behind < 1e-6, "{before:e} m before, {behind:e} m behind");
     }

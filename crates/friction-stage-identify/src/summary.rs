@@ -21,7 +21,7 @@ use friction_stage_data::quality::Severity;
 /// Version of the schema.
 pub const SCHEMA_VERSION: u32 = 1;
 
-/// Correlation from which two parameters are told to be tied. Assumed: at 0.98 each is known five
+/// Correlation from which two parameters are reported as tied. Assumed: at 0.98 each is known five
 /// times worse than if the other were given.
 const TIED: f64 = 0.98;
 
@@ -552,7 +552,9 @@ pub(crate) fn parameter_findings(estimate: &Estimate, rate: f64) -> Vec<Identify
     let mut findings = Vec::new();
     for (index, coordinate) in estimate.fitted.coordinates.iter().enumerate() {
         // How the guides differ is not asked for: their sum is.
-        let Some((parameter, value, unit)) = told(estimate, coordinate.id, rate) else { continue };
+        let Some((parameter, value, unit)) = reported(estimate, coordinate.id, rate) else {
+            continue;
+        };
         let (lower, upper) = coordinate.bounds;
         let deviation = match coordinate.id {
             ParameterId::Nominal(_) => deviation_of_alike(estimate, index),
@@ -599,7 +601,11 @@ pub(crate) fn parameter_findings(estimate: &Estimate, rate: f64) -> Vec<Identify
 
 /// Name of a coordinate, its value and unit; `None` for the differences between guides and the
 /// knots of a map.
-fn told(estimate: &Estimate, id: ParameterId, rate: f64) -> Option<(String, f64, &'static str)> {
+fn reported(
+    estimate: &Estimate,
+    id: ParameterId,
+    rate: f64,
+) -> Option<(String, f64, &'static str)> {
     match id {
         ParameterId::Spread { .. } => None,
         ParameterId::Nominal(declared) => {
@@ -635,7 +641,7 @@ fn tied(estimate: &Estimate, rate: f64) -> Vec<IdentifyFinding> {
             })
             .filter(|(_, other)| effect_of(*other) != Some(effect))
             .filter(|(_, other)| {
-                told(estimate, estimate.fitted.coordinates[*other].id, rate).is_some()
+                reported(estimate, estimate.fitted.coordinates[*other].id, rate).is_some()
             })
             .max_by(|a, b| {
                 estimate.correlations[a.0][a.1]
@@ -652,7 +658,7 @@ fn tied(estimate: &Estimate, rate: f64) -> Vec<IdentifyFinding> {
     let finding = |(index, other): (usize, usize)| {
         let correlation = estimate.correlations[index][other];
         let name = |index: usize| {
-            told(estimate, estimate.fitted.coordinates[index].id, rate).map(|(name, ..)| name)
+            reported(estimate, estimate.fitted.coordinates[index].id, rate).map(|(name, ..)| name)
         };
         (correlation.abs() >= TIED).then_some(())?;
         let (parameter, other) = (name(index)?, name(other)?);
@@ -680,12 +686,12 @@ mod tests {
             values,
             jump: None,
         };
-        let told = of_curve(&curve);
-        let (amplitude, center) = (&told["amplitude"], &told["center"]);
+        let reported = of_curve(&curve);
+        let (amplitude, center) = (&reported["amplitude"], &reported["center"]);
         assert!((amplitude.value - 5.0).abs() < 1e-12 && amplitude.unit == "N", "{amplitude:?}");
         let expected = (16.0 * 0.028 + 25.0 * 0.034) / 41.0;
         assert!((center.value - expected).abs() < 1e-12 && center.unit == "m", "{center:?}");
-        assert!(!told.contains_key("jump"), "{told:?}");
+        assert!(!reported.contains_key("jump"), "{reported:?}");
     }
 
     /// Friction that is level and falls by a quarter at 3 s.
@@ -693,7 +699,7 @@ mod tests {
     fn a_jump_is_told_with_its_place_and_in_the_height_of_the_curve() {
         let (coordinate, side) = (Coordinate::Time, CurveSide::Friction);
         let jump = Some(Jump { at: 3.0, height: -0.25 });
-        let told = of_curve(&Curve {
+        let reported = of_curve(&Curve {
             coordinate,
             side,
             from: 0.0,
@@ -709,9 +715,9 @@ mod tests {
         ];
         for (name, value, unit) in expected {
             assert!(
-                (told[name].value - value).abs() < 1e-12 && told[name].unit == unit,
+                (reported[name].value - value).abs() < 1e-12 && reported[name].unit == unit,
                 "{name}: {:?}",
-                told[name]
+                reported[name]
             );
         }
     }

@@ -294,9 +294,9 @@ mod tests {
         let mut other = trial();
         other.known.mass = 12.0;
         other.known.guides.truncate(2);
-        let told = other.run().unwrap_err().to_string();
+        let reported = other.run().unwrap_err().to_string();
         for words in ["12 kg", "40 kg", "2 guides", "4"] {
-            assert!(told.contains(words), "{told}");
+            assert!(reported.contains(words), "{reported}");
         }
     }
 }

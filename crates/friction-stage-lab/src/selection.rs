@@ -172,7 +172,7 @@ const DIGITS: u8 = 3;
 const LARGEST: u64 = 1_000_000_000_000;
 /// Chance below which the choice deserves a warning. Assumed.
 const SAFE: f64 = 0.95;
-/// Factor from which on a difference of a parameter is told as a reason. Assumed.
+/// Factor from which on a difference of a parameter is reported as a reason. Assumed.
 const NOTABLE: f64 = 1.05;
 
 impl std::str::FromStr for Shard {
@@ -226,11 +226,11 @@ impl SelectionPlan {
             return Err(SelectionError::NoGuides);
         }
         if candidates.iter().all(|candidate| candidate.obstacle.is_some()) {
-            let told = candidates.iter().filter_map(|candidate| {
+            let reported = candidates.iter().filter_map(|candidate| {
                 candidate.obstacle.as_ref().map(|obstacle| format!("{} {obstacle}", candidate.name))
             });
             return Err(SelectionError::NothingAllowed {
-                obstacles: told.collect::<Vec<_>>().join("; "),
+                obstacles: reported.collect::<Vec<_>>().join("; "),
             });
         }
         if variants < candidates.len() as u64 {
@@ -350,14 +350,14 @@ impl SelectionPlan {
         }
         if tally.settled_too_late > 0 {
             let median = tally.settling_time().q50;
-            let told = if median.is_finite() {
+            let settled = if median.is_finite() {
                 format!("{:.1} ms", median * 1e3)
             } else {
                 "not while watched".to_owned()
             };
             reasons.push(format!(
-                "it settles too late in {} of the variants: to {} µm after {told} at the median, \
-                 {:.1} ms allowed",
+                "it settles too late in {} of the variants: to {} µm after {settled} at the \
+                 median, {:.1} ms allowed",
                 share(tally.settled_too_late),
                 requirement.settling_band * 1e6,
                 requirement.settling_time * 1e3
@@ -499,12 +499,13 @@ fn cause(guide: &Guide, best: &Guide, best_name: &str) -> Option<String> {
         ("static friction", guide.static_force, best.static_force, "N"),
         ("viscous friction", guide.viscous_friction, best.viscous_friction, "N s/m"),
     ];
-    let told: Vec<String> = compared
+    let reported: Vec<String> = compared
         .into_iter()
         .filter(|(_, own, other, _)| *own > NOTABLE * other)
         .map(|(name, own, other, unit)| format!("{name} ({own} against {other} {unit})"))
         .collect();
-    (!told.is_empty()).then(|| format!("it has more {} than {best_name}", told.join(" and ")))
+    (!reported.is_empty())
+        .then(|| format!("it has more {} than {best_name}", reported.join(" and ")))
 }
 
 /// The paper's warning (sections 2 and 4): a guide with less viscous friction looks better in a
@@ -671,12 +672,12 @@ mod tests {
             "{unsealed:?}"
         );
         for selection in [clean, sealed] {
-            let told = selection.notes.iter().any(|note| {
+            let reported = selection.notes.iter().any(|note| {
                 note.starts_with("guide_3")
                     && note.contains("static friction")
                     && note.contains("18.5")
             });
-            assert!(told && selection.warnings.is_empty(), "{selection:?}");
+            assert!(reported && selection.warnings.is_empty(), "{selection:?}");
         }
     }
 

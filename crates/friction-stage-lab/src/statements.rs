@@ -215,7 +215,7 @@ pub fn statements(of: &PaperResults) -> Vec<Statement> {
     );
     let hunts =
         of.hunting.map(|results| results.iter().filter(|result| result.cycle.is_some()).count());
-    let told = |results: &[HuntingResult]| {
+    let reported = |results: &[HuntingResult]| {
         let at: Vec<String> = results
             .iter()
             .filter_map(|r| {
@@ -234,9 +234,9 @@ pub fn statements(of: &PaperResults) -> Vec<Statement> {
         "guides 1 and 3 are more vulnerable to limit cycling with integral control than guide 2",
         format!(
             "bandwidth x integral gain (amplitude, period): guide 1 {}; guide 2 {}; guide 3 {}",
-            told(of.hunting[0]),
-            told(of.hunting[1]),
-            told(of.hunting[2])
+            reported(of.hunting[0]),
+            reported(of.hunting[1]),
+            reported(of.hunting[2])
         ),
         hunts[0] > hunts[1] && hunts[2] > hunts[1],
         None,

@@ -682,18 +682,22 @@ mod tests {
     fn bad_plans_are_refused_with_what_would_do() {
         let mut slow = Application::fine_step();
         slow.controller.rate = 500.0;
-        let told = plan(StageModel::default(), slow).run(None, &|_| ()).unwrap_err().to_string();
-        assert!(told.contains("500 Hz is too low") && told.contains("720 Hz"), "{told}");
+        let reported =
+            plan(StageModel::default(), slow).run(None, &|_| ()).unwrap_err().to_string();
+        assert!(
+            reported.contains("500 Hz is too low") && reported.contains("720 Hz"),
+            "{reported}"
+        );
         let mut far = Application::fine_step();
         far.motion.distance = 1.0;
-        let told = plan(StageModel::default(), far).run(None, &|_| ()).unwrap_err().to_string();
-        assert!(told.contains("motor has 2000 N"), "{told}");
+        let reported = plan(StageModel::default(), far).run(None, &|_| ()).unwrap_err().to_string();
+        assert!(reported.contains("motor has 2000 N"), "{reported}");
         let plan = plan(StageModel::default(), Application::fine_step());
         let wild = ControllerSettings::paper(40.0, 4000.0, 2000.0).slowed(10.0 / 6.0 * 1.5);
         let mut wild = wild;
         wild.gains.p *= 100.0;
-        let told = plan.run(Some(("mine".to_owned(), wild)), &|_| ()).unwrap_err().to_string();
-        assert!(told.contains("mine") && told.contains("stability"), "{told}");
+        let reported = plan.run(Some(("mine".to_owned(), wild)), &|_| ()).unwrap_err().to_string();
+        assert!(reported.contains("mine") && reported.contains("stability"), "{reported}");
     }
 
     #[test]

@@ -226,7 +226,7 @@ fn a_loop_measured_on_a_running_stage_is_that_of_its_model_with_observer_and_lat
     let stage = SampledStage::new(&model, 4000.0, 0.0, motion, &loop_frequencies(4000.0)).unwrap();
     let all = LoopResponse::new(&stage, &measured.settings).margins();
     assert!(all.stable && (all.modulus_margin - found.modulus_margin).abs() < 0.05, "{all:?}");
-    // Another stage is told from this one.
+    // Another stage is distinguished from this one.
     let other = measured.compare(&StageModel { mass: 44.0, ..model.clone() }).unwrap();
     assert!(other.largest().0 > 2.0 * TOLERANCE, "{:?}", other.largest());
     // The same controller on the measured stage is the measured loop.
@@ -248,7 +248,7 @@ fn a_loop_measured_on_a_running_stage_is_that_of_its_model_with_observer_and_lat
     ] {
         assert!(text.contains(from), "{from} in {text}");
         let error = MeasuredLoop::from_json(&text.replacen(from, to, 1), "loop.json").unwrap_err();
-        let told = error.to_string();
-        assert!(told.contains("loop.json") && told.contains(named), "{told}");
+        let reported = error.to_string();
+        assert!(reported.contains("loop.json") && reported.contains(named), "{reported}");
     }
 }

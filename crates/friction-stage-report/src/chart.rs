@@ -493,9 +493,9 @@ impl Chart {
             let lower: Vec<String> = lower.into_iter().map(quoted).collect();
             is_told.then(|| format!("{} lies on {}", quoted(name(upper)), lower.join(" and on ")))
         };
-        let told: Vec<String> = (0..self.series.len()).filter_map(of).collect();
+        let reported: Vec<String> = (0..self.series.len()).filter_map(of).collect();
         let end = "what lies below is drawn wider.";
-        (!told.is_empty()).then(|| format!("Here {}; {end}", told.join("; ")))
+        (!reported.is_empty()).then(|| format!("Here {}; {end}", reported.join("; ")))
     }
 
     /// Whether most of the length of a line is where another one is.

@@ -32,8 +32,8 @@ fn guides(model: &StageModel) -> String {
             None => kinds.push((label, 1)),
         }
     }
-    let told = kinds.into_iter().map(|(label, count)| format!("{count} \u{d7} {label}"));
-    told.collect::<Vec<_>>().join(", ")
+    let reported = kinds.into_iter().map(|(label, count)| format!("{count} \u{d7} {label}"));
+    reported.collect::<Vec<_>>().join(", ")
 }
 
 /// A number that changes, with its unit; the script chooses the prefix.

@@ -343,15 +343,18 @@ mod tests {
     #[test]
     fn a_linear_and_a_rotary_stage_have_no_axis_in_common() {
         let runs = [run("a", Some(JointType::Prismatic)), run("b", Some(JointType::Revolute))];
-        let told = view_page(&runs).unwrap_err().to_string();
-        assert!(told.contains("a is of a linear") && told.contains("b of a rotary"), "{told}");
+        let reported = view_page(&runs).unwrap_err().to_string();
+        assert!(
+            reported.contains("a is of a linear") && reported.contains("b of a rotary"),
+            "{reported}"
+        );
     }
 
     #[test]
     fn runs_have_the_shortest_names_that_tell_them_apart() {
-        let told = |paths: &[&str]| names(paths.iter().map(Path::new));
-        assert_eq!(told(&["x/a", "x/b"]), ["a", "b"]);
-        assert_eq!(told(&["x/a", "y/a"]), ["x/a", "y/a"]);
-        assert_eq!(told(&["x/a", "x/a"]), ["x/a", "x/a"]);
+        let reported = |paths: &[&str]| names(paths.iter().map(Path::new));
+        assert_eq!(reported(&["x/a", "x/b"]), ["a", "b"]);
+        assert_eq!(reported(&["x/a", "y/a"]), ["x/a", "y/a"]);
+        assert_eq!(reported(&["x/a", "x/a"]), ["x/a", "x/a"]);
     }
 }

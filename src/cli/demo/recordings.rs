@@ -150,8 +150,8 @@ mod tests {
         assert_eq!(unsealed(&path).unwrap().0, text);
         for broken in ["6", "zz", "ffff", "", "é"] {
             std::fs::write(&path, broken).unwrap();
-            let told = format!("{:#}", unsealed(&path).unwrap_err());
-            assert!(told.contains(ANSWER), "{told}");
+            let reported = format!("{:#}", unsealed(&path).unwrap_err());
+            assert!(reported.contains(ANSWER), "{reported}");
         }
     }
 }

@@ -9,7 +9,7 @@ use super::{Drive, Effect, Law, Now, Side, identity};
 /// Standard gravity, m/s^2 (ISO 80000-3).
 const GRAVITY: f64 = 9.80665;
 
-/// Mass on the carriage that nobody declared.
+/// Mass on the carriage that was not declared.
 #[derive(Debug, Clone)]
 pub struct Payload {
     /// kg.

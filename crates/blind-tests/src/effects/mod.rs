@@ -3,7 +3,7 @@
 //!
 //! Each is one [`Law`], in the file of the place where it acts. [`CATALOGUE`] lists them with the
 //! way to draw one of usual size. "Listed" effects have the names of the library's candidates,
-//! "unlisted" ones are in nobody's list. Forces are in N, positive along +x on the carriage; the
+//! "unlisted" ones are in no list. Forces are in N, positive along +x on the carriage; the
 //! laws are written here from the literature and share nothing with the library.
 
 mod carriage;

@@ -1,4 +1,4 @@
-//! Effects that are in nobody's list: the honest answer to them is "unknown", with the coordinate
+//! Effects that are in no list: the honest answer to them is "unknown", with the coordinate
 //! that they follow.
 
 use super::super::guides::Change;

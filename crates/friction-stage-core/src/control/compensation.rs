@@ -538,8 +538,8 @@ mod tests {
         let model = StageModel::on_guides("guide_1");
         let settings = ControllerSettings::paper(12.0, 4000.0, 2000.0);
         let on = CompensationTermsOn::ALL;
-        let told = Compensation::new(&model, &settings, on).unwrap_err().to_string();
-        assert!(told.contains("40 kg") && told.contains("12 kg"), "{told}");
+        let reported = Compensation::new(&model, &settings, on).unwrap_err().to_string();
+        assert!(reported.contains("40 kg") && reported.contains("12 kg"), "{reported}");
         let rig = StageModel::measuring_rig("guide_1").unwrap();
         let of_rig = ControllerSettings::of_model(&rig, 60.0, 4000.0);
         assert!(Compensation::new(&rig, &of_rig, on).is_err());

@@ -361,8 +361,8 @@ mod tests {
             (ObserverSettings { mass: 0.0, ..SETTINGS }, "feedforward.mass"),
             (ObserverSettings { delay: f64::NAN, ..SETTINGS }, "disturbance_observer.delay"),
         ] {
-            let told = settings.check(RATE).unwrap_err().to_string();
-            assert!(told.contains(name), "{told}");
+            let reported = settings.check(RATE).unwrap_err().to_string();
+            assert!(reported.contains(name), "{reported}");
         }
     }
 }

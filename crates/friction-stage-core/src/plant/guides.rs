@@ -442,7 +442,7 @@ impl GuideBank {
     /// their mean friction over the step, N, positive against positive motion, viscous part
     /// included. Exact for this motion at any step.
     ///
-    /// What the plant starts its next step from is left as it was: nobody solves for this motion.
+    /// What the plant starts its next step from is left as it was: this motion is not solved for.
     pub fn drive(&mut self, velocity: f64, step: f64, scale: &FrictionScale) -> f64 {
         let of_bristles: f64 = self.drive_each(velocity, step, scale).iter().sum();
         of_bristles + scale.viscous * self.viscous_friction * velocity

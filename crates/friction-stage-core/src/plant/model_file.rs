@@ -34,8 +34,8 @@ mod tests {
         std::fs::write(&path, "effects:\n- cogging: {amplitude: 5}\n").unwrap();
         let name = path.display().to_string();
         for error in [model_named(&name).unwrap_err(), load_model(&path).unwrap_err()] {
-            let told = error.to_string();
-            assert!(told.starts_with(&format!("{name}: effects.cogging")), "{told}");
+            let reported = error.to_string();
+            assert!(reported.starts_with(&format!("{name}: effects.cogging")), "{reported}");
         }
         std::fs::write(&path, "effects:\n- cogging: {amplitude: 5, period: 0.02}\n").unwrap();
         assert_eq!(load_model(&path).unwrap().effects.len(), 1);

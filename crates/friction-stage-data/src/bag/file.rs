@@ -58,7 +58,7 @@ impl Damage {
     }
 }
 
-/// Damaged places, each once. Of a file with very many of them the first ones are told.
+/// Damaged places, each once. Of a file with very many of them the first ones are reported.
 #[derive(Debug, Default)]
 pub(crate) struct Places {
     list: Vec<Damage>,

@@ -3,7 +3,7 @@
 //! Messages gather in a chunk in memory; a full chunk is compressed and goes to the file as a
 //! whole. A chunk is also closed when half a second has passed: a process that is killed loses its
 //! open chunk and what has not reached the writer. A loss of power also takes what the operating
-//! system has not brought to the disk; [`Sync`] says when it is told to.
+//! system has not brought to the disk; [`Sync`] says when it does.
 
 use std::collections::{BTreeMap, HashMap};
 use std::fs::{self, File};

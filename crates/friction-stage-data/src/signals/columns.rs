@@ -125,11 +125,11 @@ mod tests {
     fn columns_of_different_lengths_and_without_a_position_are_refused() {
         let mut short = run();
         short.force.pop();
-        let told = whole("frame", &short).unwrap_err().to_string();
-        assert!(told.contains("frame: 3899 values of force for 3900"), "{told}");
+        let reported = whole("frame", &short).unwrap_err().to_string();
+        assert!(reported.contains("frame: 3899 values of force for 3900"), "{reported}");
         let mut fixed = run();
         fixed.position.fill(f64::NAN);
-        let told = whole("frame", &fixed).unwrap_err().to_string();
-        assert!(told.contains("no position") && told.contains("force"), "{told}");
+        let reported = whole("frame", &fixed).unwrap_err().to_string();
+        assert!(reported.contains("no position") && reported.contains("force"), "{reported}");
     }
 }

@@ -366,7 +366,7 @@ impl Loading {
     fn read(&mut self, origin: &Origin, requests: &[Request]) -> Result<Vec<Stream>, SignalError> {
         let mut streams = origin.read(requests, self.span)?;
         for stream in &mut streams {
-            // What is so of a file is told once, however often it is read.
+            // What is so of a file is reported once, however often it is read.
             stream.notes.retain(|note| !self.notes.contains(note));
             self.notes.append(&mut stream.notes);
         }

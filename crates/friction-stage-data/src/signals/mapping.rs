@@ -312,7 +312,7 @@ pub struct Mapping {
     pub joint_type: Option<JointType>,
     /// What a proposed mapping marks for a person to check, while the marks stand in it.
     pub unconfirmed: Vec<String>,
-    /// Whether the force is a current of which nobody said how much force it makes.
+    /// Whether the force is a current whose force constant is not given.
     pub without_force_constant: bool,
     /// How a CSV file is written.
     pub csv: CsvLayout,

@@ -5,7 +5,7 @@
 //! reading the lines in every way there is and taking the one that gives the most numbers, and of
 //! those that give as many the one with the fewest words beside them.
 //! Loggers, drives and spreadsheets write lines of settings above the names, a line of units below,
-//! decimal commas, blanks between columns; none of it has to be told.
+//! decimal commas, blanks between columns; none of it has to be declared.
 
 use std::cmp::Reverse;
 use std::fs::File;
@@ -138,10 +138,10 @@ fn foreign_format(begin: &[u8]) -> Option<&'static str> {
     // Letters alone may be the first name of a table.
     let is_binary = begin.iter().any(|byte| *byte < b' ' && !b"\t\n\r\x0b\x0c".contains(byte));
     let is_letters = |first: &[u8]| first.iter().all(u8::is_ascii_alphanumeric);
-    let told = formats
+    let reported = formats
         .into_iter()
         .find(|(first, _)| begin.starts_with(first) && (is_binary || !is_letters(first)));
-    told.map(|(_, format)| format)
+    reported.map(|(_, format)| format)
 }
 
 /// UTF-16 by its mark, or by the zeros that digits have in it.

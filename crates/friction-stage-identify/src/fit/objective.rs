@@ -36,7 +36,7 @@ pub(crate) fn stacked(
 }
 
 /// Weight of a declared parameter's distance from its declared value, N per scale; 0 for what
-/// nobody declared.
+/// was not declared.
 fn expectation(coordinate: &FreeParameter, noise: f64) -> f64 {
     match coordinate.id {
         ParameterId::Nominal(_) | ParameterId::Spread { .. } => 3f64.sqrt() * noise,

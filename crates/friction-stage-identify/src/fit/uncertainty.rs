@@ -267,7 +267,7 @@ mod tests {
 
     /// Two coordinates that do the same, the second on its bound, in 400 rows of white noise of 1
     /// N. Declared, that may be elsewhere within its tolerance, uniform over twice its scale, and
-    /// the first is known no better; what nobody declared is held, and the first is known as if it
+    /// the first is known no better; what was not declared is held, and the first is known as if it
     /// were alone.
     #[test]
     fn what_is_declared_may_be_off_its_bound() {

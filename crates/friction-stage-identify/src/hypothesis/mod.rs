@@ -503,7 +503,7 @@ impl Hypothesis {
             }
         }
         for (effect, part) in self.effects.iter().enumerate() {
-            // Behind the cell nobody sees the motor, and before it nobody the carriage.
+            // After the cell the motor is not seen, and before it the carriage is not.
             let seen = match part.side() {
                 Side::Motor => sides.motor || !has_cell,
                 Side::Carriage => sides.carriage,

@@ -153,9 +153,9 @@ mod tests {
             (Limits { duration: 0.1, ..limits() }, ["may take 0.1 s", "between 2 and 3600"]),
         ];
         for (limits, words) in wrong {
-            let told = limits.check(&model).unwrap_err().to_string();
+            let reported = limits.check(&model).unwrap_err().to_string();
             for word in words {
-                assert!(told.contains(word), "{word:?} is not in {told:?}");
+                assert!(reported.contains(word), "{word:?} is not in {reported:?}");
             }
         }
     }

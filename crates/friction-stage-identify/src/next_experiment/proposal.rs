@@ -51,8 +51,8 @@ pub struct Planned {
     pub duration: f64,
 }
 
-/// How well an effect is told from a rival: rms of the force that one has and the other, refitted,
-/// cannot imitate, in floors of the sensors' noise.
+/// How well an effect is distinguished from a rival: rms of the force that one has and the other,
+/// refitted, cannot imitate, in floors of the sensors' noise.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Separation {
     /// Effect of the model.
@@ -63,7 +63,7 @@ pub struct Separation {
     pub before: f64,
     /// In the new motion.
     pub after: f64,
-    /// What the new motion must reach for the two to be told apart.
+    /// What the new motion must reach for the two to be distinguished.
     pub needed: f64,
     /// Whether the new motion tells them apart.
     pub separates: bool,

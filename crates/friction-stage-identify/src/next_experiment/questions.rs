@@ -22,8 +22,8 @@ const DATA_ALONE: f64 = 0.0;
 /// Half width of the 95 % interval of an effect's parameter, as a part of its value, above which it
 /// counts as open.
 pub(super) const VAGUE: f64 = 0.2;
-/// Standard deviation of a declared parameter, in its tolerance, above which the data have told
-/// hardly anything about it.
+/// Standard deviation of a declared parameter, in its tolerance, above which the data have
+/// determined hardly anything about it.
 pub(super) const UNTOLD: f64 = 0.5;
 
 /// What a piece of motion does to the alternatives: sums of squares over its rows, N^2.

@@ -545,7 +545,7 @@ fn slid_from(position: &[f64], from: usize, length: f64) -> Option<usize> {
     Some(from + samples)
 }
 
-/// Samples at which nobody knows what the bristles hold: at the start, and after a hole in which
+/// Samples at which the state of the bristles is not known: at the start, and after a hole in which
 /// the stage moved and may have turned, until the guides have slid far enough to have forgotten it.
 /// A record that never slides so far is whole from its start.
 fn unknown_bristles(

@@ -51,7 +51,7 @@ pub(crate) struct Slipping {
 struct Way {
     /// Distance travelled, m.
     travelled: Vec<f64>,
-    /// Rows without a hole between them: behind one nobody knows the phase.
+    /// Rows without a hole between them: after one the phase is not known.
     runs: Vec<Range<usize>>,
     /// Distance from the row before, m: what a row counts where a ripple is looked for along the
     /// way. Where the carriage rests any force is one.

@@ -399,7 +399,7 @@ mod tests {
         assert_eq!(found.after.fitted.hypothesis.model().effects, model.effects);
     }
 
-    /// A force that steps in time is nobody's law; one that is constant, or a spring, takes a part
+    /// A force that steps in time is no law; one that is constant, or a spring, takes a part
     /// of it.
     #[test]
     fn beside_a_curve_laws_stay_that_are_there_and_no_others() {

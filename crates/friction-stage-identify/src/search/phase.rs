@@ -30,7 +30,7 @@ pub struct RippleElsewhere {
     /// worse.
     pub gain_as_found: f64,
     /// What it would take off with the phase and amplitude of that record, N^2: a fit on that
-    /// record, to be told and not to be used.
+    /// record, to be reported and not used.
     pub gain_with_own_phase: f64,
 }
 

@@ -89,7 +89,7 @@ pub struct Inseparable {
     pub effect: &'static str,
     /// Law that would do as well.
     pub rival: &'static str,
-    /// Correlation of what the one takes out of the train residual with what the other does.
+    /// Correlation of what the one explains of the train residual with what the other does.
     pub correlation: f64,
 }
 

@@ -110,8 +110,8 @@ impl<P: NumberedPlan> Sheet<P> {
                 (a, b) if a == b => {}
                 (a, b) => {
                     let bare = |line: &str| line.trim().trim_end_matches(',').to_owned();
-                    let told = |line: Option<&str>| line.map_or("nothing".to_owned(), bare);
-                    return Ok(Some((told(a), told(b))));
+                    let reported = |line: Option<&str>| line.map_or("nothing".to_owned(), bare);
+                    return Ok(Some((reported(a), reported(b))));
                 }
             }
         }

@@ -441,8 +441,8 @@ fn not_separable(selection: &Selection, names: &str) -> String {
     let which = match pairs.is_empty() {
         true => "Several laws explain the data equally".to_owned(),
         false => {
-            let told = pairs.join("; ").replace('_', " ");
-            format!("These laws explain the data equally: {told}")
+            let reported = pairs.join("; ").replace('_', " ");
+            format!("These laws explain the data equally: {reported}")
         }
     };
     format!("{which}. The identified model has {names}.")

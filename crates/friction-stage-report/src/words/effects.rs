@@ -26,7 +26,7 @@ pub fn effect_phrases(effects: &[FoundEffect], joint: JointType) -> Vec<String> 
 
 /// The effects, with those that are harmonics of each other as one.
 pub fn effect_groups(effects: &[FoundEffect], joint: JointType) -> Vec<EffectGroup> {
-    let mut told = vec![false; effects.len()];
+    let mut reported = vec![false; effects.len()];
     // The longest period of a name is the fundamental.
     let mut order: Vec<usize> = (0..effects.len()).collect();
     order.sort_by(|a, b| {
@@ -35,10 +35,10 @@ pub fn effect_groups(effects: &[FoundEffect], joint: JointType) -> Vec<EffectGro
     });
     let mut by_place = Vec::new();
     for first in order {
-        if told[first] {
+        if reported[first] {
             continue;
         }
-        told[first] = true;
+        reported[first] = true;
         let effect = &effects[first];
         let name = effect.name.replace('_', " ");
         let mut phrase = match (period(effect), &effect.coordinate) {
@@ -53,12 +53,12 @@ pub fn effect_groups(effects: &[FoundEffect], joint: JointType) -> Vec<EffectGro
         };
         let mut members = vec![(first, 1)];
         for (at, other) in effects.iter().enumerate() {
-            if !told[at]
+            if !reported[at]
                 && other.name == effect.name
                 && other.side == effect.side
                 && let Some(order) = harmonic(effect, other)
             {
-                told[at] = true;
+                reported[at] = true;
                 members.push((at, order));
             }
         }
@@ -155,18 +155,18 @@ mod tests {
             groups.into_iter().map(|group| group.members).collect()
         };
         assert_eq!(members(&[0.012, 0.024, 0.0137]), [vec![(1, 1), (0, 2)], vec![(2, 1)]]);
-        let told = |periods: &[f64]| {
+        let reported = |periods: &[f64]| {
             let effects: Vec<_> = periods.iter().map(|period| cogging(*period, None)).collect();
             effect_phrases(&effects, JointType::Prismatic)
         };
-        assert_eq!(told(&[0.024]), ["cogging, 24.00 mm"]);
-        assert_eq!(told(&[0.024, 0.012]), ["cogging, 24.00 mm with its second harmonic"]);
-        assert_eq!(told(&[0.008, 0.024]), ["cogging, 24.00 mm with its third harmonic"]);
+        assert_eq!(reported(&[0.024]), ["cogging, 24.00 mm"]);
+        assert_eq!(reported(&[0.024, 0.012]), ["cogging, 24.00 mm with its second harmonic"]);
+        assert_eq!(reported(&[0.008, 0.024]), ["cogging, 24.00 mm with its third harmonic"]);
         assert_eq!(
-            told(&[0.012, 0.024, 0.006]),
+            reported(&[0.012, 0.024, 0.006]),
             ["cogging, 24.00 mm with its second and fourth harmonics"]
         );
-        assert_eq!(told(&[0.024, 0.0137]), ["cogging, 24.00 mm", "cogging, 13.70 mm"]);
+        assert_eq!(reported(&[0.024, 0.0137]), ["cogging, 24.00 mm", "cogging, 13.70 mm"]);
         // What is known badly may be a harmonic.
         let wide = [cogging(0.024, None), cogging(0.0121, Some([0.0118, 0.0124]))];
         assert_eq!(effect_phrases(&wide, JointType::Prismatic).len(), 1);

@@ -94,16 +94,16 @@ pub fn in_line(name: &str) -> Cow<'_, str> {
 /// An error with its causes, outermost first. Many an error names its cause in its own text: not
 /// again then.
 pub fn in_one_line(error: &(dyn Error + 'static)) -> String {
-    let mut told = error.to_string();
+    let mut reported = error.to_string();
     let mut next = error.source();
     while let Some(cause) = next {
         let text = cause.to_string();
-        if !told.contains(&text) {
-            told = format!("{told}: {text}");
+        if !reported.contains(&text) {
+            reported = format!("{reported}: {text}");
         }
         next = cause.source();
     }
-    told
+    reported
 }
 
 /// A value in SI with its unit, in the prefix that reads well and three digits: 2.5e-5 m is
@@ -277,10 +277,10 @@ mod tests {
 
     #[test]
     fn no_line_break_parts_a_number_from_its_unit() {
-        let told = unbroken("a move of 50 mm in 100 ms, 3 N s/m (12.5 %). 2 N moves 4 stages");
+        let reported = unbroken("a move of 50 mm in 100 ms, 3 N s/m (12.5 %). 2 N moves 4 stages");
         let joined = "a move of 50\u{a0}mm in 100\u{a0}ms, 3\u{a0}N\u{a0}s/m (12.5\u{a0}%). \
                       2\u{a0}N moves 4 stages";
-        assert_eq!(told, joined);
+        assert_eq!(reported, joined);
     }
 
     #[test]

@@ -192,7 +192,7 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
         .then(|| vec![stiffness, (offset / stiffness).clamp(-10.0, 10.0), amplitude, width, 0.0])
 }
 
-/// A loop that is small beside the spring does not show its width while the guides are bent by
+/// A loop that is small beside the spring does not show its width while the guides are biased by
 /// both: also the one that is assumed.
 fn forms_and_widths(values: &[f64], _step: f64) -> Vec<Vec<f64>> {
     let mut assumed = values.to_vec();

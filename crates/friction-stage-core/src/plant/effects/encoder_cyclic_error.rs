@@ -9,9 +9,10 @@
 //! Not modelled: harmonics (several of these), error that grows along the scale (`encoder_scale`),
 //! a reading that depends on the direction.
 //!
-//! The law of `encoder_sde` over periods a thousand times as long, from another cause. Told from a
-//! `cogging` of the same period by two speeds, since that does not grow with v^2; below some 0.1
-//! m/s it is within the noise. A period longer than the travel is an `encoder_scale`.
+//! The law of `encoder_sde` over periods a thousand times as long, from another cause.
+//! Two speeds distinguish it from a `cogging` of the same period, which does not grow with v^2;
+//! below some 0.1 m/s it is within the noise. A period longer than the travel is an
+//! `encoder_scale`.
 
 use std::f64::consts::TAU;
 
@@ -100,7 +101,7 @@ impl ReadingLaw for EncoderCyclicError {
     }
 }
 
-/// Fewest periods within the travel: less cannot be told from a scale.
+/// Fewest periods within the travel: less cannot be distinguished from a scale.
 const FEWEST_CYCLES: f64 = 0.75;
 
 /// Sums over the rows of one bin: products of acceleration a, square of the velocity w and force f.

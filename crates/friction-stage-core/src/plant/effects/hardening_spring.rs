@@ -7,8 +7,8 @@
 //! cable may have both. Sizes: assumed, 1 to 10 N over the stroke. Not modelled: hysteresis
 //! (`cable_chain`), a spring that is softer when stretched, unequal sides.
 //!
-//! Told from a `cable_chain` by a stroke long enough for its force to bend. A `cogging` of a period
-//! longer than the travel looks like it, and the data cannot say.
+//! Distinguished from a `cable_chain` by a stroke long enough for its force to bend. A `cogging` of
+//! a period longer than the travel looks like it, and the data cannot say.
 
 use super::regression::least_squares;
 use super::{

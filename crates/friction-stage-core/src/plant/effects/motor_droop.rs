@@ -10,9 +10,9 @@
 //! at high speed alone.
 //!
 //! What the back electromotive force takes of a motor without a current loop is proportional to v
-//! whatever the command: viscous friction, in front of the cell where there is one. Told from
-//! `motor_gain` by two speeds, from `motor_saturation` and a mass by accelerating at high speed,
-//! from viscous friction by braking: there it adds to the motion.
+//! whatever the command: viscous friction, in front of the cell where there is one. Two speeds
+//! distinguish this effect from `motor_gain`, accelerating at high speed from `motor_saturation`
+//! and a mass, braking from viscous friction: there it adds to the motion.
 
 use super::regression::least_squares;
 use super::{

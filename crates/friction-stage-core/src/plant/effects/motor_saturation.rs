@@ -9,9 +9,9 @@
 //! Sizes: assumed, 5 to 20 % at peak force. It is no potential: the motor pays for it. Not
 //! modelled: hysteresis of the iron, saturation that depends on the position.
 //!
-//! Told from `motor_gain` by commands of two sizes, from `motor_droop` by large forces at low
-//! speed. A force cell shows it alone; without one a `payload` looks alike where all accelerations
-//! are as large.
+//! Distinguished from `motor_gain` by commands of two sizes, from `motor_droop` by large forces at
+//! low speed. A force cell shows it alone; without one a `payload` looks alike where all
+//! accelerations are as large.
 
 use super::regression::least_squares;
 use super::{

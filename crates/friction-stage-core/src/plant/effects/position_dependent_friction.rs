@@ -149,7 +149,8 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
     }
 }
 
-/// What explains most while the guides are bent by it need not be the form: each that was proposed.
+/// What explains most while the guides are biased by it need not be the form: each that was
+/// proposed.
 fn bump_or_wave(values: &[f64], _step: f64) -> Vec<Vec<f64>> {
     let [fraction, center, width, period, phase] = *values else { return Vec::new() };
     let bump = (width > 0.0).then(|| vec![fraction, center, width, 0.0, 0.0]);

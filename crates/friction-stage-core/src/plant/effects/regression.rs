@@ -23,7 +23,7 @@ pub(super) struct Fit<const N: usize> {
 }
 
 /// Fits `values` by the columns that `row` gives for each index; rows with a NaN are left out.
-/// `None` where the columns cannot be told apart.
+/// `None` where the columns cannot be distinguished.
 pub(super) fn least_squares<const N: usize>(
     values: &[f64],
     row: impl Fn(usize) -> [f64; N],
@@ -285,7 +285,7 @@ pub(super) fn strongest_wave(
         .filter(|bin| bin.weight > 0.0)
         .map(|bin| Bin { coordinate: bin.coordinate / bin.weight, ..*bin })
         .collect();
-    // Less than three quarters of a cycle cannot be told from a slope.
+    // Less than three quarters of a cycle cannot be distinguished from a slope.
     let fewest = (range / periods.end()).max(0.75);
     let most = (range / periods.start()).min(MOST_CYCLES);
     if most < fewest || filled.len() < 8 {

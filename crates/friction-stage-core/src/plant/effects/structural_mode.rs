@@ -88,7 +88,7 @@ impl StructuralMode {
     }
 }
 
-/// What a free part does over a step: it hangs on the length of the step alone, which is nearly
+/// What a free part does over a step: it depends on the length of the step alone, which is nearly
 /// always that of the step before.
 #[derive(Debug, Default)]
 struct Swing {

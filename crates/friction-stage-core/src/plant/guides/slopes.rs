@@ -88,7 +88,7 @@ impl GuideBank {
     }
 }
 
-/// What is told of a step of the bristles while it is worked out.
+/// What is reported of a step of the bristles while it is computed.
 pub(super) trait Along {
     /// The level g, N, and the part of Fs - Fc that is in it.
     fn level(
@@ -103,7 +103,7 @@ pub(super) trait Along {
     fn sudden(&mut self, _element: usize, _step: &SuddenStep, _force: &ElementForce) {}
 }
 
-/// Nobody listens.
+/// Nothing is recorded.
 impl Along for () {}
 
 /// A step of an element that slips gradually.
@@ -242,16 +242,16 @@ mod tests {
             };
             let mut driven = bank(&guides);
             let mut slopes = BristleSlopes::new([[0.0; MAX_GUIDES]; BRISTLE_PARAMETERS]);
-            let mut told = Vec::new();
+            let mut reported = Vec::new();
             for k in 0..3000 {
                 let friction = driven.drive_with_slopes(velocity(k), 5e-4, &scale, &mut slopes);
-                told.push((
+                reported.push((
                     friction,
                     slopes.impulse.map(|impulse| (impulse / f64x4::splat(5e-4)).to_array()),
                 ));
             }
             let mut alone = bank(&guides);
-            for (k, (friction, _)) in told.iter().enumerate() {
+            for (k, (friction, _)) in reported.iter().enumerate() {
                 assert_eq!(alone.drive_each(velocity(k), 5e-4, &scale), *friction);
             }
             for parameter in 0..BRISTLE_PARAMETERS {
@@ -264,7 +264,7 @@ mod tests {
                 let (up, down) = (moved(1e-6), moved(-1e-6));
                 for guide in 0..guides.len() {
                     let mut squares = (0.0, 0.0);
-                    for (k, (_, slopes)) in told.iter().enumerate() {
+                    for (k, (_, slopes)) in reported.iter().enumerate() {
                         let expected = (up[k][guide] - down[k][guide]) / 2e-6;
                         squares.0 += (slopes[parameter][guide] - expected).powi(2);
                         squares.1 += expected * expected;

@@ -91,7 +91,7 @@ impl Examiner<'_> {
         if count < 20 || squares == 0.0 {
             return None;
         }
-        // one direction or one speed only: the least solution is taken, and told elsewhere
+        // one direction or one speed only: the least solution is taken, and reported elsewhere
         let normal: Matrix4<f64> = all.fixed_view::<4, 4>(0, 0).into_owned();
         let inverse = normal.pseudo_inverse(1e-9 * count as f64).ok()?;
         let fit = inverse * right_of_all.fixed_rows::<4>(0);

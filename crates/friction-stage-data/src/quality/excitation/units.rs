@@ -84,7 +84,7 @@ impl Examiner<'_> {
         let clear: Vec<(Signal, RoughFit)> =
             fits.into_iter().filter(|(_, fit)| is_clear(fit)).collect();
         let all = !clear.is_empty();
-        let mut told = false;
+        let mut reported = false;
         // signs
         let negative: Vec<&(Signal, RoughFit)> =
             clear.iter().filter(|(_, f)| f.mass < 0.0).collect();
@@ -98,7 +98,7 @@ impl Examiner<'_> {
                 mass: negative[0].1.mass,
                 or_every_force: !reference.is_some_and(|s| s < 0.0),
             });
-            told = true;
+            reported = true;
         } else {
             for (signal, fit) in &negative {
                 self.findings.push(DataFinding::SwappedSign {
@@ -106,7 +106,7 @@ impl Examiner<'_> {
                     mass: fit.mass,
                     or_every_force: false,
                 });
-                told = true;
+                reported = true;
             }
         }
         // units of the forces and of the position against the declared mass; a signal that is cut
@@ -133,7 +133,7 @@ impl Examiner<'_> {
                     declared,
                     friction_fits: true,
                 });
-                told = true;
+                reported = true;
             } else {
                 for (signal, fit, ratio) in &ratios {
                     if let Some(unit) = force_unit(*ratio).filter(|_| {
@@ -147,19 +147,22 @@ impl Examiner<'_> {
                             declared,
                             friction_fits: false,
                         });
-                        told = true;
+                        reported = true;
                     }
                 }
                 let (_, fit, ratio) = match ratios.first() {
                     Some(first) => first,
-                    None => return self.cell_and_command(told),
+                    None => return self.cell_and_command(reported),
                 };
                 // A force over the position, which the model may declare or lack, takes
                 // part of what would be a mass.
                 let is_other_mass = |ratio: f64| !(0.8..1.25).contains(&ratio);
                 let [with_spring, its_deviation] = fit.mass_with_spring;
                 let surely = (with_spring - declared).abs() > SURELY * its_deviation;
-                if !told && is_other_mass(*ratio) && is_other_mass(with_spring / declared) && surely
+                if !reported
+                    && is_other_mass(*ratio)
+                    && is_other_mass(with_spring / declared)
+                    && surely
                 {
                     let nearer = |ratio: f64| ratio.ln().abs();
                     let (measured, deviation) =
@@ -174,7 +177,7 @@ impl Examiner<'_> {
                         && !(0.4..2.5).contains(&(fit.coulomb / friction))
                         && (fit.coulomb - friction).abs() > SURELY * fit.coulomb_deviation
                 };
-                if let Some(declared) = coulomb.filter(is_another).filter(|_| !told) {
+                if let Some(declared) = coulomb.filter(is_another).filter(|_| !reported) {
                     let (measured, deviation) = (fit.coulomb, fit.coulomb_deviation);
                     self.findings.push(DataFinding::OtherFriction {
                         declared,
@@ -184,7 +187,7 @@ impl Examiner<'_> {
                 }
             }
         }
-        self.cell_and_command(told);
+        self.cell_and_command(reported);
     }
 
     fn reference_slope(&self) -> Option<f64> {
@@ -198,7 +201,7 @@ impl Examiner<'_> {
 
     /// Signals that should be the same: cell and command, position and reference, and the
     /// references among themselves.
-    fn cell_and_command(&mut self, told: bool) {
+    fn cell_and_command(&mut self, reported: bool) {
         let mut disagree = |first: Signal, second: Signal, slope: f64| {
             if (0.5..2.0).contains(&slope) {
                 return;
@@ -208,7 +211,7 @@ impl Examiner<'_> {
         };
         let trace = &self.recording.trace;
         let examiner = Examiner { findings: Vec::new(), segments: self.segments.clone(), ..*self };
-        if !told
+        if !reported
             && examiner.recording.has(Signal::ForceCell)
             && examiner.recording.has(Signal::Force)
         {

@@ -200,7 +200,7 @@ impl Elements<'_> {
         let flags = self.u32([a, b, c, d]);
         let class = flags & 0xff;
         if class == 17 {
-            // An object has no shape; what it holds cannot be told.
+            // An object has no shape; what it holds is not known.
             let name = String::from_utf8_lossy(&self.short(LONGEST_NAME)?).into_owned();
             return self.other(join(before, &name), Vec::new(), AN_OBJECT, visit);
         }
