@@ -13,7 +13,9 @@ use tempfile::TempDir;
 
 /// Address space of a program, bytes.
 const MEMORY: u64 = 1 << 30;
-/// What runs longer never ends: far above what the slowest machine needs.
+/// What a program may compute, s of a processor: a limit that other programs do not use up.
+const PROCESSOR: u64 = 5;
+/// What waits longer never ends: far above what the slowest machine needs.
 const ENDLESS: Duration = Duration::from_secs(120);
 
 struct Ended {
@@ -22,8 +24,8 @@ struct Ended {
     text: String,
 }
 
-/// Runs a program within [`MEMORY`]. It must end by itself, without a panic, and print nothing that
-/// moves a terminal.
+/// Runs a program within [`MEMORY`] and [`PROCESSOR`]. It must end by itself, without a panic, and
+/// print nothing that moves a terminal.
 fn run(program: &str, arguments: &[&str]) -> Ended {
     let mut command = Command::new(program);
     command.args(arguments).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
@@ -32,6 +34,8 @@ fn run(program: &str, arguments: &[&str]) -> Ended {
         command.pre_exec(|| {
             let limit = libc::rlimit { rlim_cur: MEMORY, rlim_max: MEMORY };
             libc::setrlimit(libc::RLIMIT_AS, &limit);
+            let limit = libc::rlimit { rlim_cur: PROCESSOR, rlim_max: PROCESSOR + 1 };
+            libc::setrlimit(libc::RLIMIT_CPU, &limit);
             Ok(())
         });
     }
