@@ -96,9 +96,9 @@ impl<'a> Agenda<'a> {
             }
         }
         rivals.retain(|(effect, rival)| {
-            let reported = questions.rival(*effect, rival, &present, &present);
+            let difference = questions.rival(*effect, rival, &present, &present);
             let name = selection.after.fitted.hypothesis.effects[*effect].descriptor.name;
-            reported < questions.needed(*effect, &present, &present, selection.floor.carriage)
+            difference < questions.needed(*effect, &present, &present, selection.floor.carriage)
                 || selection
                     .inseparable
                     .iter()
@@ -161,11 +161,11 @@ impl<'a> Agenda<'a> {
     /// Evidence for each question, as a logarithm: no one drowns the others.
     fn evidence(&self, all: &Sums, asked: &[usize]) -> f64 {
         let unit = self.present.rows as f64 * self.floor * self.floor;
-        let reported = |question: usize| {
+        let evidence = |question: usize| {
             (self.questions.left(question, all, &self.questions.adapted(question, all)) / unit)
                 .ln_1p()
         };
-        asked.iter().map(|question| reported(*question)).sum()
+        asked.iter().map(|question| evidence(*question)).sum()
     }
 
     /// How much better the vague coordinates are known, likewise.

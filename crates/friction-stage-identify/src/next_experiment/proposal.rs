@@ -52,7 +52,7 @@ pub struct Planned {
 }
 
 /// How well an effect is distinguished from a rival: rms of the force that one has and the other,
-/// refitted, cannot imitate, in floors of the sensors' noise.
+/// refitted, cannot imitate, in multiples of the noise floor of the sensors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Separation {
     /// Effect of the model.

@@ -192,8 +192,8 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
         .then(|| vec![stiffness, (offset / stiffness).clamp(-10.0, 10.0), amplitude, width, 0.0])
 }
 
-/// A loop that is small beside the spring does not show its width while the guides are biased by
-/// both: also the one that is assumed.
+/// The width as it was proposed, and the assumed one: where the loop is small compared with the
+/// spring, both bias the fit of the guides, and the proposed width may be wrong.
 fn forms_and_widths(values: &[f64], _step: f64) -> Vec<Vec<f64>> {
     let mut assumed = values.to_vec();
     assumed[WIDTH_AT] = WIDTH;

@@ -10,7 +10,7 @@
 //! at high speed alone.
 //!
 //! What the back electromotive force takes of a motor without a current loop is proportional to v
-//! whatever the command: viscous friction, in front of the cell where there is one. Two speeds
+//! whatever the command: viscous friction, before the cell, if a stage has one. Two speeds
 //! distinguish this effect from `motor_gain`, accelerating at high speed from `motor_saturation`
 //! and a mass, braking from viscous friction: there it adds to the motion.
 
