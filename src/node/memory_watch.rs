@@ -1,7 +1,7 @@
 //! Gives memory that is free back to the machine, and ends a node that takes too much of it.
 //!
-//! What the writers keep for a subscriber that falls back is freed in pieces between others, and the
-//! allocator keeps such pieces: after an hour of slow subscribers 135 of 160 MB were free.
+//! What the writers keep for a subscriber that falls back is freed in pieces between others, and
+//! the allocator keeps such pieces: after an hour of slow subscribers 135 of 160 MB were free.
 //!
 //! The DDS library has no bound of its own: whoever reaches its sockets can make it remember more
 //! and more peers. In goes the resident memory of this process, from `/proc/self/statm`; out comes
@@ -35,7 +35,9 @@ pub async fn exceeds(bound: u64) -> u64 {
         // Where it cannot be read there is no bound.
         let Some(mut bytes) = resident() else { continue };
         least = least.min(bytes);
-        if bytes > least + STEP && given_back.is_none_or(|at| at.elapsed() >= GIVE_BACK_INTERVAL) {
+        if bytes > least.saturating_add(STEP)
+            && given_back.is_none_or(|at| at.elapsed() >= GIVE_BACK_INTERVAL)
+        {
             bytes = give_back().await.unwrap_or(bytes);
             given_back = Some(Instant::now());
         }
