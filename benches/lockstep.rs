@@ -323,7 +323,7 @@ fn drive(words: &[&str]) -> ExitCode {
     let mut runs = std::process::id();
     for round in 0..rounds {
         for (contender, results) in contenders.iter().zip(&mut results) {
-            // Another domain each time: nobody sees the leftovers of the run before.
+            // Another domain each time: no peer sees what is left of the run before.
             let domain = 1 + u16::try_from(runs % 100).expect("below 100");
             runs += 1;
             match contender.run(domain, seconds) {

@@ -46,7 +46,7 @@ pub fn exit_code(result: anyhow::Result<Outcome>) -> ExitCode {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
         Ok(Outcome::Warnings) => ExitCode::from(3),
         Err(error) => {
-            // Nobody may read stderr any more, and `eprintln!` would panic of that.
+            // The reader of stderr may be closed, and `eprintln!` would panic of that.
             let text = in_one_line(error.as_ref());
             let cut = text.char_indices().nth(LONGEST);
             let (reported, more) = cut.map_or((&text[..], ""), |(cut, _)| (&text[..cut], "..."));

@@ -199,7 +199,7 @@ def domain_is_silent(domain: int) -> bool:
 
 @contextmanager
 def free_domain() -> Iterator[int]:
-    """A ROS domain that nobody else on this machine uses, in the environment of the tests and their
+    """A ROS domain that no other process here uses, in the environment of the tests and their
     processes."""
     first, _, last = os.environ.get("PEER_DOMAINS", "1-100").partition("-")
     domains = list(range(int(first), int(last or first) + 1))
@@ -314,7 +314,7 @@ class Ros:
 
 
 class Stage:
-    """A stage in lockstep: its time stands still while nobody answers a sample."""
+    """A stage in lockstep: its time stands still until a sample is answered."""
 
     def __init__(self, ros: Ros, folder: Path, processes: list[Process]) -> None:
         self.ros, self.folder, self.processes = ros, folder, processes

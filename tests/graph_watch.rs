@@ -51,7 +51,7 @@ fn a_subscriber_that_wants_more_than_is_offered_is_counted_and_not_matched() {
     let _inlet = Inlet::<WrenchStamped>::new(&there, "/force", &Qos::reliable(1)).unwrap();
     let start = Instant::now();
     while outlet.misfits() == 0 {
-        assert!(start.elapsed() < PATIENCE, "nobody noticed");
+        assert!(start.elapsed() < PATIENCE, "the change was not noticed");
         std::thread::sleep(Duration::from_millis(2));
     }
     assert_eq!(outlet.subscribers(), 0);

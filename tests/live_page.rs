@@ -49,7 +49,7 @@ impl Stage {
         let mut lines = BufReader::new(process.stderr.take().expect("a log")).lines();
         let listens = lines.any(|line| line.expect("text").contains("live page on"));
         assert!(listens, "the node ended without a live page");
-        // The node may log on: somebody must read it.
+        // The node may log on, and blocks if it is not read.
         std::thread::spawn(move || lines.for_each(drop));
         Stage { process, port, _domain: domain }
     }

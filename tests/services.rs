@@ -1,5 +1,5 @@
 //! A service answers a client whose reader of answers is found after its request, and one that
-//! never opens a reader holds nobody up.
+//! never opens a reader holds up no other client.
 //!
 //! The client is made of DDS endpoints, so that it can ask first and open its reader later; what
 //! Fast DDS does when the packet that announces the reader is lost.

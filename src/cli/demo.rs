@@ -63,7 +63,7 @@ pub struct DemoArgs {
     pub seed: u32,
     #[command(flatten)]
     pub sync: SyncArgs,
-    /// ROS domain of the run [default: one that nobody else on this machine uses]
+    /// ROS domain of the run [default: one that no other process here uses]
     #[arg(long, value_name = "ID", value_parser = clap::value_parser!(u16).range(0..=232))]
     pub domain: Option<u16>,
     /// Print JSON instead of a table

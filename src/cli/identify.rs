@@ -165,7 +165,7 @@ pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
         guides: args.guide_tolerance,
         presliding: args.presliding_tolerance.unwrap_or(args.guide_tolerance),
     };
-    // Where nothing can be written, nobody should wait for it.
+    // Where nothing can be written, the user does not wait for it.
     let motion_file =
         args.next_experiment.clone().map(|file| file.unwrap_or_else(|| args.out.join(next::FILE)));
     std::fs::create_dir_all(args.out.join("figures"))

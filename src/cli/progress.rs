@@ -86,7 +86,7 @@ impl Progress {
     /// Writes a line that stays.
     pub fn line(&self, text: &str) {
         self.bar.suspend(|| {
-            // Nobody may be reading: that is no reason to stop.
+            // The reader may be closed: that is no reason to stop.
             let _ = writeln!(std::io::stderr(), "{}", printable(text));
         });
     }

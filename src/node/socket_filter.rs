@@ -151,7 +151,7 @@ pub unsafe extern "C" fn recvmsg(
 /// `message` is what recvmsg(2) has filled in, with one buffer that holds `length` bytes, or fewer
 /// where the datagram was cut off.
 unsafe fn take(socket: libc::c_int, message: &libc::msghdr, length: usize) -> Option<usize> {
-    // SAFETY: see above; nobody else has the buffer until recvmsg(2) returns.
+    // SAFETY: see above; no other code has the buffer until recvmsg(2) returns.
     let datagram = unsafe {
         let buffer = *message.msg_iov;
         std::slice::from_raw_parts_mut(buffer.iov_base.cast::<u8>(), length.min(buffer.iov_len))

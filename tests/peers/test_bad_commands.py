@@ -344,7 +344,7 @@ def test_a_missing_answer_is_an_error_and_time_stands_still_until_it_comes(ros, 
 
 def test_a_controller_that_answers_once_and_never_again_is_missed(ros, stage):
     stepper = Stepper(ros, stage, answer_timeout=0.3)
-    # Answers a sample of before: time stops, and nobody answers the sample at which it does.
+    # Answers a sample of before: time stops, and the sample at which it does is not answered.
     stepper.force.publish(wrench(7.0, stepper.at()))
     status = stepper.diagnostics.until(lambda status: status.level == ERROR, "the error")
     assert "the answer to the last sample is missing" in status.message

@@ -136,7 +136,7 @@ def test_a_bag_directory_that_cannot_be_is_refused(start, tmp_path):
             tmp_path / "file" / "bag",
             [f"cannot create {tmp_path}/file/bag", f"{tmp_path}/file is a file, not a directory"],
         ),
-        # Nobody may make a directory there, not even root.
+        # No user may make a directory there, not even root.
         ("/proc/bag", ["cannot create /proc/bag"]),
     ]:
         said = complaint(start("stage_node", record=directory))

@@ -193,7 +193,7 @@ def limited(kind: str, directory: Path) -> list[str]:
         ).returncode
         != 0
     ):
-        pytest.skip("this machine lets nobody mount a file system of his own")
+        pytest.skip("this machine lets no user mount a file system of their own")
     mount = f'mount -t tmpfs -o size=256k none {shlex.quote(str(directory))} && exec "$@"'
     return ["unshare", "--map-root-user", "--mount", "bash", "-c", mount, "bash"]
 

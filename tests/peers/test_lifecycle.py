@@ -118,7 +118,7 @@ def test_a_managed_controller_answers_when_it_is_active(ros, stage, controller, 
 
 
 def test_a_node_at_error_is_deactivated(ros, stage):
-    """Nobody answers a sample: an error of lockstep."""
+    """A sample is not answered: an error of lockstep."""
     process = stage(
         mode="lockstep",
         control_rate=1000.0,

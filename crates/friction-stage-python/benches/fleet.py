@@ -181,8 +181,8 @@ def compute_variants(
         )
     local = directory / f"{next(iter(given))}0"
     print(f"  {size_of(local) / arguments.variants:.1f} bytes for each variant")
-    told = timed(command("report", directory / f"{local.name}.yaml"))
-    print(f"  report {told.seconds:.1f} s, {told.cores:.1f} s of a core, {max(told.memory):.0f} MB")
+    used = timed(command("report", directory / f"{local.name}.yaml"))
+    print(f"  report {used.seconds:.1f} s, {used.cores:.1f} s of a core, {max(used.memory):.0f} MB")
 
 
 def identify_bags(program: Path, directory: Path, arguments: argparse.Namespace) -> None:
@@ -195,20 +195,20 @@ def identify_bags(program: Path, directory: Path, arguments: argparse.Namespace)
     # JSON is YAML.
     job.write_text(json.dumps(content))
     words = command("run", job, "--json", "--workers", arguments.workers)
-    told = timed(words)
+    used = timed(words)
     size = size_of(directory / "machines" / "out")
-    memory = ", ".join(f"{mb:.0f}" for mb in told.memory)
+    memory = ", ".join(f"{mb:.0f}" for mb in used.memory)
     print(
         f"{arguments.bags} bags of 3 s at 1 kHz ({len(found)} different ones), "
         f"{arguments.workers} cores\n"
-        f"  {told.seconds:.1f} s, {told.cores / arguments.bags:.2f} s of a core each, "
-        f"{3600 * arguments.bags / told.cores:.0f} an hour for each core\n"
+        f"  {used.seconds:.1f} s, {used.cores / arguments.bags:.2f} s of a core each, "
+        f"{3600 * arguments.bags / used.cores:.0f} an hour for each core\n"
         f"  memory by quarters {memory} MB, {size / arguments.bags / 1e3:.1f} kB for each bag"
     )
     manifest = (directory / "machines" / "out" / "manifest.json").stat().st_size
     print(f"  {manifest / arguments.bags:.0f} bytes of the manifest for each bag")
-    told = timed(command("report", job))
-    print(f"  report {told.seconds:.1f} s, {told.cores:.1f} s of a core, {max(told.memory):.0f} MB")
+    used = timed(command("report", job))
+    print(f"  report {used.seconds:.1f} s, {used.cores:.1f} s of a core, {max(used.memory):.0f} MB")
 
 
 def lengths(repeats: list[int]) -> None:

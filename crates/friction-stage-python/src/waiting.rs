@@ -1,7 +1,7 @@
 //! Long work: it runs on a thread of its own while the caller's thread waits without the
 //! interpreter's lock, passes progress on, and answers Ctrl-C.
 //!
-//! On Ctrl-C, or when the progress callback raises, the work is told to stop and the exception is
+//! On Ctrl-C, or when the progress callback raises, the work is asked to stop and the exception is
 //! raised. The work sees it at its next step and ends there; nothing of it is kept. Where a step
 //! takes longer than [`PATIENCE`], the caller does not wait for its end: the thread owns all that
 //! it works on, so that it ends by itself.
@@ -26,13 +26,13 @@ use crate::error::raised;
 
 /// Time between two looks for Ctrl-C.
 const LOOK: Duration = Duration::from_millis(50);
-/// Time that the caller waits for work that was told to stop.
+/// Time that the caller waits for work that was asked to stop.
 const PATIENCE: Duration = Duration::from_secs(1);
 
 /// Name of the threads that work, for whoever looks at the process.
 const NAME: &str = "friction-stage";
 
-/// Unwinds the work that was told to stop.
+/// Unwinds the work that was asked to stop.
 struct Stopped;
 
 enum Message<T> {
@@ -45,7 +45,7 @@ type Tell = Box<dyn Fn(&str, f64) + Send>;
 
 /// What work sees of its caller.
 pub(crate) struct Caller {
-    /// Stop at once; nobody waits for the result.
+    /// Stop at once; the result is not wanted.
     abandoned: Arc<AtomicBool>,
     /// Stop early and return what there is.
     enough: Arc<AtomicBool>,
@@ -53,7 +53,7 @@ pub(crate) struct Caller {
 }
 
 impl Caller {
-    /// Ends the work here if it was told to stop. Call it at every step.
+    /// Ends the work here if it was asked to stop. Call it at every step.
     pub(crate) fn check(&self) {
         if self.abandoned.load(Ordering::Relaxed) {
             resume_unwind(Box::new(Stopped));
@@ -99,7 +99,7 @@ pub(crate) fn wait_for_on<T: Send + 'static>(
         Some(_) => {
             let sender = sender.clone();
             Box::new(move |what, share| {
-                // Nobody listens any more where the work was abandoned.
+                // The receiver is dropped where the work was abandoned.
                 let _ = sender.send(Message::Progress(what.to_owned(), share));
             })
         }

@@ -119,8 +119,10 @@ def test_a_sweep_whose_points_fail_is_summed_up(tmp_path: Path) -> None:
     job = {"kind": "sweep", "model": "guide_2", "axes": {"model.mass": [40, -1]}, "out": "out"}
     path.write_text(yaml.safe_dump(job))
     assert fleet("run", path).returncode == 0
-    told = fleet("report", path)
-    assert told.returncode == 0 and "1 of 2 points cannot be computed" in told.stdout, told.stdout
+    answer = fleet("report", path)
+    assert answer.returncode == 0 and "1 of 2 points cannot be computed" in answer.stdout, (
+        answer.stdout
+    )
 
 
 def test_a_second_run_computes_what_is_missing_with_the_same_bytes(tmp_path: Path) -> None:
@@ -248,9 +250,9 @@ def test_a_bad_job_is_refused_with_what_would_be_right(
     path = tmp_path / "job.yaml"
     path.write_text(text)
     code = main(["run", str(path)])
-    told = capsys.readouterr().err
-    assert code == 2 and words in told, told
-    assert told.startswith("error: ") and told.count("\n") == 1
+    message = capsys.readouterr().err
+    assert code == 2 and words in message, message
+    assert message.startswith("error: ") and message.count("\n") == 1
     assert [entry.name for entry in tmp_path.iterdir()] == ["job.yaml"]
 
 
@@ -298,7 +300,7 @@ def test_a_killed_run_takes_its_workers_along_and_repeats_the_open_chunks_alone(
     workers = children(process.pid)
     process.kill()
     process.wait()
-    # Nobody writes any more once they have ended, and nothing was cut off.
+    # No process writes once they have ended, and nothing was cut off.
     while any(Path(f"/proc/{worker}").exists() for worker in workers):
         time.sleep(0.01)
     kept = status(load_job(job))
@@ -447,7 +449,7 @@ def test_a_full_disk_fails_the_chunks_that_do_not_fit_and_a_later_run_goes_on(
 def test_a_disk_without_room_for_every_chunk_keeps_those_that_fit(tmp_path: Path) -> None:
     job = variants_job(tmp_path, variants=3000, chunk=500)
     (tmp_path / "out").mkdir()
-    # Room for the manifest and some chunks of 30 kB, in a mount that nobody else sees.
+    # Room for the manifest and some chunks of 30 kB, in a mount that no other process sees.
     script = 'mount -t tmpfs -o size=80k tmpfs "$1" && shift && exec "$@"'
     small = ["unshare", "--user", "--map-root-user", "--mount", "sh", "-c", script, "sh"]
     environment = os.environ | {"PATH": f"{os.environ['PATH']}:{os.defpath}:/usr/sbin:/sbin"}

@@ -28,11 +28,11 @@ def working():
     time.sleep(0.2)
     return worked() > before
 
-def told(what, share):
-    if told.first:
-        told.first = False
+def progress(what, share):
+    if progress.first:
+        progress.first = False
         print("running", flush=True)
-told.first = True
+progress.first = True
 
 try:
     WORK
@@ -50,11 +50,11 @@ else:
 
 LONG_WORK = {
     "simulate": """fs.simulate(
-        fs.Model.guide("guide_1"), fs.Motion.of_moves([(1e-3, 0.1, 1800.0)] * 8), progress=told
+        fs.Model.guide("guide_1"), fs.Motion.of_moves([(1e-3, 0.1, 1800.0)] * 8), progress=progress
     )""",
-    "experiment": "fs.experiment('paper', progress=told)",
+    "experiment": "fs.experiment('paper', progress=progress)",
     "select": """fs.select(
-        '{APPLICATION}', variants=10_000_000, progress=told
+        '{APPLICATION}', variants=10_000_000, progress=progress
     )""",
     "identify": """
         model = fs.Model.guide("guide_2")
@@ -64,7 +64,7 @@ LONG_WORK = {
         moves = [(0.1, 1.0, 0.2), (-0.1, 0.8, 0.2), (1e-5, 0.1, 0.2), (-1e-5, 0.1, 0.2)] * 40
         train = fs.simulate(real, fs.Motion.of_moves(moves))
         check = fs.simulate(real, fs.Motion.of_moves([(-0.08, 0.9, 0.3), (0.05, 0.5, 0.1)] * 20))
-        fs.identify(model, train, check, progress=told)
+        fs.identify(model, train, check, progress=progress)
 """,
 }
 

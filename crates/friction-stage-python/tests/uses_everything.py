@@ -9,7 +9,7 @@ from friction_stage import fleet
 from numpy.typing import NDArray
 
 
-def told(what: str, share: float) -> bool:
+def go_on(what: str, share: float) -> bool:
     return share < 2.0
 
 
@@ -29,7 +29,7 @@ def simulations(model: fs.Model) -> fs.Trace:
     controller = fs.Controller(model, bandwidth=50.0, viscous_feedforward=72.0)
     gains: tuple[float, float, float] = (controller.p, controller.i, controller.d)
     trace: fs.Trace = fs.simulate(
-        model, motion, controller=controller, noise=True, seed=3, duration=both, progress=told
+        model, motion, controller=controller, noise=True, seed=3, duration=both, progress=go_on
     )
     column: NDArray[np.float64] = trace.position + trace.error + trace.force + trace.force_cell
     move: fs.MoveResult = trace.moves[0]
@@ -56,7 +56,7 @@ def recordings(trace: fs.Trace, directory: Path) -> fs.Verdict:
         guide_tolerance=0.1,
         presliding_tolerance=0.5,
         next_experiment=fs.Limits(stroke=(-0.1, 0.1)),
-        progress=told,
+        progress=go_on,
     )
     effects: list[fs.Effect] = verdict.effects
     parameters: dict[str, fs.Parameter] = verdict.declared_parameters
@@ -73,8 +73,8 @@ def laboratory(application: Path, directory: Path) -> fs.GuideFit:
     assert len(swept) == 2 and len(swept["peak_error_m"]) == len(swept.to_pandas()) and str(swept)
     selection: fs.Selection = fs.select(application, guides=["guide_1"], variants=10, seed=2)
     choice: str | None = selection.choice
-    told: list[str] = [*selection.warnings, *selection.notes]
-    assert choice or selection.ranking or told or len(selection.to_pandas())
+    remarks: list[str] = [*selection.warnings, *selection.notes]
+    assert choice or selection.ranking or remarks or len(selection.to_pandas())
     runs: fs.ExperimentResult = fs.experiment("stribeck", guides=["guide_1"], recordings=True)
     loops = fs.experiment("dahl", models=[fs.Model.rig("guide_1")], amplitudes=[1e-4])
     first: fs.Trace = next(iter(runs.recordings.values()))
@@ -102,7 +102,7 @@ def fleets(application: Path, bags: Path, out: Path) -> str:
         out / "verdicts",
         model=fs.Model.guide("guide_2"),
         workers=2,
-        progress=told,
+        progress=go_on,
     )
     failed: list[str] = [*result.failed.values(), *verdicts.failed.values()]
     assert not failed and result.is_complete and result.to_dict()

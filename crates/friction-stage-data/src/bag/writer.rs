@@ -390,7 +390,7 @@ impl BagWriter {
     }
 
     /// Brings everything written so far to the file, and to the disk where [`Sync::Interval`] is
-    /// asked for. A file that was removed meanwhile is an error: nobody would find what it holds.
+    /// asked for. A file that was removed meanwhile is an error: what it holds could not be found.
     pub fn flush(&mut self) -> Result<(), BagError> {
         self.with(|mcap| mcap.flush())?;
         if self.file.metadata().is_ok_and(|file| file.nlink() == 0) {

@@ -25,7 +25,7 @@ pub struct RecordingCheck {
     pub identification: Option<Excitation>,
     /// Why there are none.
     pub no_data: Option<SignalError>,
-    /// Whether somebody asked for the signals, by a model or a mapping.
+    /// Whether the signals were asked for, by a model or a mapping.
     pub asked: bool,
 }
 

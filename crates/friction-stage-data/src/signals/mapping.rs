@@ -320,7 +320,7 @@ pub struct Mapping {
     pub signals: BTreeMap<Signal, Vec<SignalSource>>,
     /// Recordings with the other signals.
     pub join: Vec<Joined>,
-    /// Whether somebody asked for exactly these places, so that a missing one is an error.
+    /// Whether exactly these places were asked for, so that a missing one is an error.
     pub(crate) asked_for: bool,
 }
 

@@ -287,7 +287,7 @@ pub(super) mod tests {
         }
     }
 
-    /// Four laws, three of which do nothing, and a cogging that nobody has tried.
+    /// Four laws, three of which do nothing, and a cogging that was not tried.
     #[test]
     fn what_pruning_takes_out_makes_room() {
         let model = StageModel::default();

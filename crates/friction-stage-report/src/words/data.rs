@@ -272,7 +272,7 @@ impl Words for SignalNote {
             Self::Integrated => "there is no position: the velocity is integrated, from 0 on, so \
                                  effects over the position drift with its errors"
                 .to_owned(),
-            Self::NoForceConstant => "the force is a current, and nobody says how much force it \
+            Self::NoForceConstant => "the force is a current, and nothing says how much force it \
                                       makes (`scale`): forces and masses are multiples of what \
                                       the motor makes of 1 A"
                 .to_owned(),

@@ -52,11 +52,11 @@ class Outcome:
 
 
 class StoppedError(Exception):
-    """The run was told to stop."""
+    """The run was asked to stop."""
 
 
 stopped: Callable[[], bool] = lambda: False  # noqa: E731
-"""Whether the run was told to stop; the engine of this machine sets it in its workers."""
+"""Whether the run was asked to stop; the engine of this machine sets it in its workers."""
 
 
 def _look(what: str, share: float) -> None:
@@ -170,11 +170,11 @@ def _identified(task: Task) -> Any:
                 progress=_look,
             )
         except FrictionStageError as error:
-            # A copy in a temporary directory has a name that nobody knows.
-            told = str(error)
+            # A copy in a temporary directory has a name that the user does not know.
+            message = str(error)
             for side, copy in copies.items():
-                told = told.replace(copy, chunk[side])
-            raise type(error)(told) from error
+                message = message.replace(copy, chunk[side])
+            raise type(error)(message) from error
     recorded = chunk["recorded"]
     if recorded is None and run.origin_ns > 0:
         recorded = run.origin_ns * 1e-9

@@ -109,10 +109,10 @@ def _run(given: argparse.Namespace) -> int:
 def _interrupted(job: Job) -> int:
     try:
         kept = status(job)
-        told = f"{kept.done} of {kept.chunks} chunks are kept in {kept.out}"
+        state = f"{kept.done} of {kept.chunks} chunks are kept in {kept.out}"
     except FrictionStageError:
-        told = "nothing was begun"
-    print(f"stopped: {told}; the same command goes on", file=sys.stderr)
+        state = "nothing was begun"
+    print(f"stopped: {state}; the same command goes on", file=sys.stderr)
     return INTERRUPTED
 
 

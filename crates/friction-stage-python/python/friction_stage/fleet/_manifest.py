@@ -162,11 +162,11 @@ class Manifest:
             other: The other one.
             chunks: Whether the chunks are compared, too.
         """
-        told: list[str] = []
+        differences: list[str] = []
 
         def compare(what: str, own: object, its: object) -> None:
             if own != its:
-                told.append(f"{what} is {_short(own)}, not {_short(its)}")
+                differences.append(f"{what} is {_short(own)}, not {_short(its)}")
 
         compare("kind", self.kind, other.kind)
         compare("version of friction_stage", self.version, other.version)
@@ -174,7 +174,7 @@ class Manifest:
             own, its = self.settings.get(key), other.settings.get(key)
             compare(key, self._named(own), other._named(its))
         if not chunks:
-            return told
+            return differences
         if len(self.chunks) != len(other.chunks):
             compare("number of chunks", len(self.chunks), len(other.chunks))
         elif self.chunks != other.chunks:
@@ -189,8 +189,8 @@ class Manifest:
             for key in sorted(keys):
                 compare(f"{key} of {name}", self._named(own.get(key)), other._named(its.get(key)))
             if len(changed) > 1:
-                told.append(f"{len(changed) - 1} more chunks differ")
-        return told
+                differences.append(f"{len(changed) - 1} more chunks differ")
+        return differences
 
     def _named(self, value: object) -> object:
         """A text by the name of the input that it came from."""

@@ -23,7 +23,7 @@ MOST_PARAMETERS = 12
 SHOWN_REASONS = 100
 SCALES = {"peak_error_m": (1e6, "µm"), "settling_time_s": (1e3, "ms")}
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#555555")
-"""Told apart with any colour vision (Okabe and Ito, 2008)."""
+"""Distinct with any colour vision (Okabe and Ito, 2008)."""
 
 STYLE = """
 :root { color-scheme: light dark; }
@@ -114,8 +114,8 @@ def _variants(report: Report) -> list[str]:
         name = ", ".join(f"{key} = {value:g}" for key, value in point.values.items())
         choice = point.summary["choice"]
         parts.append(f"<h2>{escape(name or point.summary['application'])}</h2>")
-        told = f"Take {choice}." if choice else "No guide meets the requirement."
-        parts.append(f"<p><strong>{escape(told)}</strong></p>")
+        advice = f"Take {choice}." if choice else "No guide meets the requirement."
+        parts.append(f"<p><strong>{escape(advice)}</strong></p>")
         parts.append(_ranking(point))
         parts.append(_svg(_distributions(point), "distribution of peak error and settling time"))
         if point.summary["warnings"]:

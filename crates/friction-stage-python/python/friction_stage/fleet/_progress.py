@@ -25,17 +25,17 @@ class ProgressLine:
         now = time.monotonic()
         if self._share_at_begin is None:
             self._share_at_begin = share
-        told = what + self._left(share, now)
+        text = what + self._left(share, now)
         if self._terminal:
-            room = WIDTH - len(told) - 3
+            room = WIDTH - len(text) - 3
             filled = round(share * room)
             bar = f"[{'#' * filled}{'.' * (room - filled)}] " if room > 4 else ""
-            line = (bar + told)[:WIDTH]
+            line = (bar + text)[:WIDTH]
             if line != self._last_line:
                 print(f"\r{line:<{len(self._last_line)}}", end="", file=sys.stderr, flush=True)
                 self._last_line = line
         elif now - self._last_time >= PERIOD:
-            print(f"fleet: {told}", file=sys.stderr, flush=True)
+            print(f"fleet: {text}", file=sys.stderr, flush=True)
             self._last_time = now
 
     def _left(self, share: float, now: float) -> str:

@@ -123,7 +123,7 @@ class Report:
 
     def to_dict(self) -> dict[str, Any]:
         """As ``--json`` prints it."""
-        told: dict[str, Any] = {
+        common: dict[str, Any] = {
             "kind": self.kind,
             "out": self.out,
             "rows": self.rows,
@@ -131,9 +131,9 @@ class Report:
             "failed": {str(index): reason for index, reason in self.failed.items()},
         }
         if self.kind == "variants":
-            return told | {"points": [{"values": p.values} | p.summary for p in self.points]}
+            return common | {"points": [{"values": p.values} | p.summary for p in self.points]}
         if self.sweep is not None:
-            return told | {"sweep": self.sweep.summary}
+            return common | {"sweep": self.sweep.summary}
         trends = [
             {
                 "machine": one.machine,
@@ -149,7 +149,7 @@ class Report:
             }
             for one in self.trends
         ]
-        return told | {"machines": self.machines, "trends": trends, "outliers": self.outliers}
+        return common | {"machines": self.machines, "trends": trends, "outliers": self.outliers}
 
     def page(self) -> str:
         """A self-contained page. Needs matplotlib."""
@@ -360,9 +360,9 @@ def _strange_effects(machine: str, rows: pl.DataFrame) -> list[str]:
     usual, most = max(counts.items(), key=lambda entry: entry[1])
     if 2 * most <= len(sets):
         return []
-    told = ", ".join(usual) or "no effect"
+    effects_of_most = ", ".join(usual) or "no effect"
     return [
-        f"{bag}: shows {', '.join(effects) or 'no effect'}, most of {machine} {told}"
+        f"{bag}: shows {', '.join(effects) or 'no effect'}, most of {machine} {effects_of_most}"
         for bag, effects in sets
         if effects != usual
     ]
@@ -370,7 +370,7 @@ def _strange_effects(machine: str, rows: pl.DataFrame) -> list[str]:
 
 def _strange_machines(trends: list[MachineTrend]) -> list[str]:
     """Machines whose level of a parameter is not that of the others."""
-    told = []
+    messages = []
     for parameter in sorted({one.parameter for one in trends}):
         of_all = [one for one in trends if one.parameter == parameter]
         levels = np.array([one.trend.level for one in of_all])
@@ -379,8 +379,8 @@ def _strange_machines(trends: list[MachineTrend]) -> list[str]:
         own = np.array([one.trend.scatter for one in of_all])
         for index in outliers(residuals, scatter, own):
             one = of_all[index]
-            told.append(
+            messages.append(
                 f"machine {one.machine}: {parameter} is {one.trend.level:.4g} {one.unit}, that of "
                 f"the fleet {np.median(levels):.4g} with a scatter of {scatter:.2g}"
             )
-    return told
+    return messages

@@ -41,7 +41,7 @@ class FleetResult:
         computed: Chunks of this run.
         rows: In the data set.
         failed: Reason of each chunk that could not be computed.
-        stopped: The run was told to stop; the rest is open.
+        stopped: The run was asked to stop; the rest is open.
         seconds: Of this run.
         core_seconds: Of the chunks of this run, together.
     """
@@ -226,7 +226,7 @@ class _Run:
             outcome = future.result()
         except (Exception, CancelledError) as error:
             if isinstance(error, StoppedError):
-                raise FleetError("a worker was told to stop by another run") from error
+                raise FleetError("a worker was asked to stop by another run") from error
             return True
         index = self.running.pop(future)
         self.core_seconds += outcome.seconds
@@ -251,8 +251,8 @@ class _Run:
             error = future.exception() if not future.cancelled() else CancelledError()
             broke |= isinstance(error, BrokenExecutor)
             index = self.running.pop(future)
-            told = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-            self._lost(index, " ".join(told.split()))
+            reason = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+            self._lost(index, " ".join(reason.split()))
         if broke:
             # Whatever else it had is lost as well.
             for future, index in list(self.running.items()):
