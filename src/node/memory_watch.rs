@@ -24,7 +24,7 @@ const STEP: u64 = 32 << 20;
 const GIVE_BACK_INTERVAL: Duration = Duration::from_secs(10);
 
 /// Waits until this process takes more than `bound` bytes; how many they are. While it has grown by
-/// [`STEP`], what the allocator holds without use is given back from time to time.
+/// `STEP`, what the allocator holds without use is given back from time to time.
 pub async fn exceeds(bound: u64) -> u64 {
     let mut interval = tokio::time::interval(INTERVAL);
     interval.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);

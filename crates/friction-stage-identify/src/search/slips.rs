@@ -18,8 +18,8 @@ const SLIPS: [f64; 5] = [0.1, 0.25, 0.35, 0.5, 1.0];
 impl Search<'_> {
     /// Where more than noise is left: is it a ripple on the carriage whose phase each record has
     /// for itself? Such a ripple is granted more than any law, so that it comes after all of them
-    /// and after the curves. Whether one was found. Without a cell it cannot be distinguished from a
-    /// ripple of the motor on a machine that was homed again.
+    /// and after the curves. Whether one was found. Without a cell it cannot be distinguished from
+    /// a ripple of the motor on a machine that was homed again.
     pub(super) fn let_balls_slip(&mut self) -> Result<bool, IdentifyError> {
         if !self.has_cell() || self.is_noise(&self.best_errors) {
             return Ok(false);
