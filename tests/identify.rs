@@ -13,8 +13,8 @@ use std::process::{Command, Output};
 use friction_stage_core::model::{Coordinate, Guide, GuideSource, JointType, StageModel};
 use friction_stage_core::plant::EffectDescriptor;
 use friction_stage_identify::{
-    FitBudget, Hypothesis, Measured, NOISE_LIKE, Part, Selection, Sides, Silent, Tolerances,
-    Verdict, fit, search,
+    Criteria, FitBudget, Hypothesis, Measured, Part, Selection, Sides, Silent, Tolerances, Verdict,
+    fit, search,
 };
 use serde_json::Value;
 
@@ -120,7 +120,7 @@ fn a_rest_of_many_seconds_leaves_no_more_than_the_noise_of_the_sensors() {
     let descriptor = EffectDescriptor::find("actuator_lag").expect("a law");
     let late = start.with(Part { descriptor, values: vec![lag.time_constant, lag.delay] });
     for (hidden, start, floors) in
-        [(vec![], start, 1.5), (vec![Box::new(lag) as Effect], late, NOISE_LIKE)]
+        [(vec![], start, 1.5), (vec![Box::new(lag) as Effect], late, Criteria::USUAL.noise_like)]
     {
         let setup = Setup { programme: Programme::Resting, guide_tolerance: 0.0, ..Setup::new(11) };
         let run = setup.with_all(hidden).generate().expect("a run");

@@ -2,7 +2,8 @@
 //! right names, detection over size, effects that are in no list, and several at once.
 //!
 //! `cargo bench -p blind-tests --bench identify -- none --runs 200`, `names --runs 3`,
-//! `power --only cogging --floors 0.5,1,2`, `unlisted`, `mixed --runs 20`; `--json` writes one JSON
+//! `power --only cogging --floors 0.5,1,2`, `unlisted`, `mixed --runs 20`, and `criteria --runs 12`
+//! for what 30 % more or less of each criterion of the search changes; `--json` writes one JSON
 //! object per run instead of text. The recordings come from this crate, which shares no equation,
 //! integrator, controller or noise source with the library; the declared model is the nominal one
 //! of the recorded stage runs. One line per run on stdout, as soon as it is known, then a summary;
@@ -21,8 +22,8 @@ use clap::{Parser, Subcommand};
 use friction_stage_core::model::{Coordinate, StageModel};
 use friction_stage_core::numerics::TWO_SIDED_95;
 use friction_stage_identify::{
-    Estimate, Evidence, Hypothesis, IdentifyError, Measured, NominalParameter, Outcome,
-    ParameterId, Selection, Tolerances, Verdict, Watch, search,
+    Criteria, Estimate, Evidence, Hypothesis, IdentifyError, Measured, NominalParameter, Outcome,
+    ParameterId, Selection, Tolerances, Verdict, Watch, search_by,
 };
 use serde::Serialize;
 
@@ -116,6 +117,16 @@ enum What {
         #[arg(long, value_delimiter = ',')]
         only: Vec<String>,
     },
+    /// What 30 % less and 30 % more of each criterion of the search changes: the same recordings,
+    /// with one to three effects, nothing, or an effect that no candidate expresses.
+    Criteria {
+        /// Recordings: half of them of effects that are listed, a quarter of nothing.
+        #[arg(long, default_value_t = 12)]
+        runs: u64,
+        /// Only these criteria, with commas between them.
+        #[arg(long, value_delimiter = ',')]
+        only: Vec<String>,
+    },
 }
 
 /// What a run shows.
@@ -173,6 +184,8 @@ struct Candidate {
     free: usize,
     train_gain: f64,
     holdout_gain: f64,
+    /// Of the score, which decides.
+    fall: f64,
     outcome: String,
 }
 
@@ -188,7 +201,12 @@ impl Watch for Progress {
 
 fn main() -> Result<()> {
     let arguments = Arguments::parse();
-    let mut session = Session { arguments: &arguments, size: 0.0, reports: Vec::new() };
+    let mut session = Session {
+        arguments: &arguments,
+        criteria: Criteria::USUAL,
+        size: 0.0,
+        reports: Vec::new(),
+    };
     match &arguments.what {
         What::None { runs } => {
             for seed in session.seeds(*runs) {
@@ -216,6 +234,7 @@ fn main() -> Result<()> {
                 session.run(seed, 1.0, effects::composition(&list, count, seed))?;
             }
         }
+        What::Criteria { runs, only } => return session.criteria(*runs, only),
     }
     session.summary()
 }
@@ -239,12 +258,77 @@ fn chosen(list: &[(&'static str, effects::Draw)], only: &[String]) -> Result<Vec
 
 struct Session<'a> {
     arguments: &'a Arguments,
+    criteria: Criteria,
     /// Size that the next run is made for, floors.
     size: f64,
     reports: Vec<Report>,
 }
 
+/// Factors on a criterion whose effect is shown.
+const CHANGES: [f64; 2] = [0.7, 1.3];
+
 impl Session<'_> {
+    /// The same recordings with the usual criteria, and with one of them changed.
+    fn criteria(&mut self, runs: u64, only: &[String]) -> Result<()> {
+        if let Some(strange) = only.iter().find(|name| !Criteria::NAMES.contains(&name.as_str())) {
+            bail!("no criterion {strange}: one of {}", Criteria::NAMES.join(", "));
+        }
+        let usual = self.answers(runs)?;
+        let right = |answers: &[(String, bool)]| answers.iter().filter(|(_, right)| *right).count();
+        println!(
+            "\n{:20} {:>8} {:>8} {:>8}  answers that change",
+            "criterion", "", "value", "right"
+        );
+        println!("{:20} {:>8} {:>8} {:>8}  of {}", "all", "", "usual", right(&usual), usual.len());
+        for name in Criteria::NAMES {
+            if !only.is_empty() && !only.iter().any(|one| one == name) {
+                continue;
+            }
+            for change in CHANGES {
+                self.criteria = Criteria::USUAL;
+                let value = self.criteria.by_name(name).context("a criterion of the list")?;
+                *value *= change;
+                let value = *value;
+                let answers = self.answers(runs)?;
+                let changed = answers.iter().zip(&usual).filter(|(one, other)| one.0 != other.0);
+                let changed: Vec<String> =
+                    changed.map(|(now, before)| format!("{} -> {}", before.0, now.0)).collect();
+                println!(
+                    "{name:20} {change:8.1} {value:8.3} {:8}  {}",
+                    right(&answers),
+                    if changed.is_empty() { "none".to_owned() } else { changed.join("; ") }
+                );
+            }
+        }
+        Ok(())
+    }
+
+    /// Verdict and names of each recording, and whether they are right.
+    fn answers(&mut self, runs: u64) -> Result<Vec<(String, bool)>> {
+        let mut answers = Vec::new();
+        for seed in self.seeds(runs) {
+            let list = match seed % 4 {
+                0 => Vec::new(),
+                1 => {
+                    let list = &CATALOGUE[LISTED..];
+                    let (name, _) = list[(seed / 4) as usize % list.len()];
+                    vec![drawn(name, seed)?]
+                }
+                few => effects::composition(&CATALOGUE[..LISTED], few as usize - 1, seed),
+            };
+            self.reports.clear();
+            self.run(seed, 1.0, list)?;
+            answers.push(match self.reports.first() {
+                Some(report) => (
+                    format!("{seed}: {} [{}]", report.verdict, report.found.join(" + ")),
+                    report.right || report.open,
+                ),
+                None => (format!("{seed}: refused"), false),
+            });
+        }
+        Ok(answers)
+    }
+
     fn seeds(&self, runs: u64) -> std::ops::Range<u64> {
         self.arguments.first..self.arguments.first + runs
     }
@@ -395,7 +479,8 @@ impl Session<'_> {
             )?)
             .with_prefix(format!("{title} seed {seed}"));
         let known = self.known(&setup);
-        let judged = judge(&run, &known, factor, self.size, &Progress(bar.clone()));
+        let judged =
+            judge(&run, &known, (factor, self.size), &self.criteria, &Progress(bar.clone()));
         let report = match judged {
             // A record that cannot carry the question is refused, which is an answer.
             Err(error @ IdentifyError::HiddenByNoise { .. }) => {
@@ -567,15 +652,15 @@ fn measured(
 fn judge(
     run: &GeneratedRun,
     known: &(StageModel, bool),
-    factor: f64,
-    size: f64,
+    (factor, size): (f64, f64),
+    criteria: &Criteria,
     watch: &dyn Watch,
 ) -> Result<Report, IdentifyError> {
     let model = &known.0;
     let start = Instant::now();
     let (train, check) =
         (measured(&run.train, known, "train")?, measured(&run.check, known, "check")?);
-    let selection = search(model, Tolerances::default(), &train, &check, watch)?;
+    let selection = search_by(criteria, model, Tolerances::default(), &train, &check, watch)?;
     let seconds = start.elapsed().as_secs_f64();
 
     let found: Vec<&'static str> = selection
@@ -770,7 +855,7 @@ fn strongest(evidence: &[Evidence]) -> Vec<Candidate> {
         .flat_map(|round| {
             let mut tried: Vec<&Evidence> =
                 evidence.iter().filter(|one| one.round == round).collect();
-            tried.sort_by(|a, b| b.holdout_gain.total_cmp(&a.holdout_gain));
+            tried.sort_by(|a, b| b.fall.total_cmp(&a.fall));
             let kept = tried
                 .iter()
                 .enumerate()
@@ -781,6 +866,7 @@ fn strongest(evidence: &[Evidence]) -> Vec<Candidate> {
                 free: one.free,
                 train_gain: one.train_gain,
                 holdout_gain: one.holdout_gain,
+                fall: one.fall,
                 outcome: format!("{:?}", one.outcome),
             })
             .collect::<Vec<_>>()
@@ -859,8 +945,14 @@ impl Report {
         line(format_args!("    off by {:.1?} standard deviations", self.deviations));
         for one in &self.evidence {
             line(format_args!(
-                "    round {} {:28} free {:2} gain train {:.5} held out {:.5} {}",
-                one.round, one.name, one.free, one.train_gain, one.holdout_gain, one.outcome
+                "    round {} {:28} free {:2} gain train {:.5} held out {:.5} fall {:.3} {}",
+                one.round,
+                one.name,
+                one.free,
+                one.train_gain,
+                one.holdout_gain,
+                one.fall,
+                one.outcome
             ));
         }
         if !self.inseparable.is_empty() {

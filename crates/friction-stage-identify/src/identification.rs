@@ -16,9 +16,7 @@ use crate::record::records::{Record, Records};
 use crate::residual_location::SideResidual;
 use crate::search::nulls::known_controller;
 use crate::search::phase::{RippleElsewhere, ripple_elsewhere};
-use crate::search::{
-    CARRIAGE_GAIN, Inseparable, MOST_LAWS, NOISE_LIKE, Outcome, Selection, Verdict, Watch, search,
-};
+use crate::search::{Criteria, Inseparable, MOST_LAWS, Outcome, Selection, Verdict, Watch, search};
 use crate::summary::{Change, PositionErrors, Summary, parameter_findings, side_name};
 use friction_stage_core::model::{Coordinate, Curve, Jump, ModelError, StageModel};
 use friction_stage_core::numerics::range;
@@ -260,7 +258,7 @@ fn of_search(selection: &Selection, rate: f64) -> Vec<IdentifyFinding> {
     }
     let declared = selection.declared_floor.total();
     if noise_floor > MORE_THAN_DECLARED * declared {
-        let least = CARRIAGE_GAIN.sqrt() * selection.floor.carriage;
+        let least = Criteria::USUAL.seen_on_carriage().sqrt() * selection.floor.carriage;
         findings.push(IdentifyFinding::NoiseAboveDeclared { found: noise_floor, declared, least });
     }
     if selection.leaves_more_than_usual() {
@@ -274,7 +272,7 @@ fn of_search(selection: &Selection, rate: f64) -> Vec<IdentifyFinding> {
     if selection.verdict == Verdict::Unknown && coordinate.is_none() && !selection.stopped {
         findings.push(IdentifyFinding::Unexplained { left, noise_floor });
     }
-    let more_than_noise = left > NOISE_LIKE * noise_floor;
+    let more_than_noise = left > Criteria::USUAL.noise_like * noise_floor;
     if matches!(selection.verdict, Verdict::Found | Verdict::NotSeparable) && more_than_noise {
         findings.push(match selection.wander_of_zero {
             Some(wander) => IdentifyFinding::WanderingZero { wander },
@@ -316,7 +314,7 @@ fn moved_ripples(
         return Ok(Vec::new());
     };
     let holdout = &records.holdout.measured;
-    let least = CARRIAGE_GAIN * selection.floor.carriage.powi(2);
+    let least = Criteria::USUAL.seen_on_carriage() * selection.floor.carriage.powi(2);
     // Without a cell a ripple of the motor and one of the carriage are the same one.
     let one_side = holdout.cell.is_none();
     let mut moved: Vec<(RippleElsewhere, Vec<&'static str>)> = Vec::new();

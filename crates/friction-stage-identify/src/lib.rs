@@ -88,8 +88,8 @@ pub use residual_location::{
 };
 pub use search::phase::{RippleElsewhere, ripple_elsewhere};
 pub use search::{
-    CARRIAGE_GAIN, Errors, Evidence, Inseparable, LEFT_AT_MOST, MOST_LAWS, NOISE_LIKE, Outcome,
-    Selection, Silent, Verdict, Watch, search,
+    Criteria, Errors, Evidence, Inseparable, MOST_LAWS, Outcome, Selection, Silent, Verdict, Watch,
+    search, search_by,
 };
 pub use summary::{
     Change, FoundEffect, FoundParameter, PositionErrors, RunnerUp, Summary, SummaryFinding,

@@ -27,7 +27,7 @@ use crate::closed_loop::LinearController;
 use crate::hypothesis::{Hypothesis, Sides};
 use crate::record::measured::{Floor, Measured};
 use crate::record::spectrum::{mean_of, moving, periodograms};
-use crate::search::{ALL_BUT_NOISE, CARRIAGE_GAIN, LEFT_AT_MOST};
+use crate::search::{ALL_BUT_NOISE, Criteria};
 use friction_stage_core::model::ModelError;
 use friction_stage_core::numerics::correlation::correlation_length;
 use friction_stage_core::plant::Side;
@@ -341,7 +341,10 @@ impl LocatedResidual {
 
     fn event(&self, floor: f64) -> Option<[f64; 2]> {
         let beyond = beyond(&self.residual, floor);
-        let event = shortest_with(&beyond, (1.0 - LEFT_AT_MOST) * beyond.iter().sum::<f64>())?;
+        let event = shortest_with(
+            &beyond,
+            (1.0 - Criteria::USUAL.left_at_most) * beyond.iter().sum::<f64>(),
+        )?;
         let short = (event.len() as f64) < EVENT * beyond.len() as f64;
         short.then(|| [self.time[event.start], self.time[event.end - 1]])
     }
@@ -411,7 +414,7 @@ impl LocatedResidual {
                 let correlation = product / (size * rms(&values));
                 let gain = (correlation * size).powi(2);
                 let shown = product.abs() > ONE_IN_400 * variance.sqrt()
-                    && gain > CARRIAGE_GAIN * floor * floor;
+                    && gain > Criteria::USUAL.seen_on_carriage() * floor * floor;
                 shown.then_some(SignalCorrelation { signal: *signal, correlation })
             })
             .filter(|one| one.correlation.is_finite())

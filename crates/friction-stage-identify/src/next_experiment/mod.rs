@@ -270,9 +270,7 @@ mod tests {
             errors: Errors::default(),
             train_gain: 1.0,
             holdout_gain: 1.0,
-            train_gain_elsewhere: 1.0,
-            holdout_gain_alone: 1.0,
-            chance: 0.0,
+            fall: 1.0,
             outcome,
         };
         let evidence = effects.iter().map(|part| one(part, Outcome::Chosen));

@@ -10,12 +10,15 @@ use crate::fit::{FitBudget, fit};
 use crate::hypothesis::{FreeParameter, Hypothesis, ParameterId, Part, Sides};
 use crate::record::measured::Measured;
 use crate::residual::driven::Driven;
-use crate::search::{CARRIAGE_GAIN, Evidence, Outcome, RIVAL, Selection};
+use crate::search::{Criteria, Evidence, Outcome, Selection};
 use friction_stage_core::model::ModelError;
 use friction_stage_core::numerics::TWO_SIDED_95;
 use friction_stage_core::numerics::correlation::correlation_length;
 use friction_stage_core::plant::effects::ALL;
 
+/// Part of what a law takes out by which its rival must fall short for a search to be sure: no law
+/// is exact. Assumed.
+const OF_A_LAW: f64 = 0.03;
 /// Weight of what is declared in the squares of a motion: what counts is what the motion itself
 /// would show.
 const DATA_ALONE: f64 = 0.0;
@@ -282,8 +285,8 @@ impl Questions {
             .of(|subject| subject == Subject::Without { effect })
             .map(|question| self.separable(question, part, all))
             .fold(0.0, f64::max);
-        // Twice the share that makes two laws inseparable, as a margin.
-        (CARRIAGE_GAIN * carriage_floor * carriage_floor).max(2.0 * (1.0 - RIVAL) * gain)
+        let seen = Criteria::USUAL.seen_on_carriage() * carriage_floor.powi(2);
+        seen.max(OF_A_LAW * gain)
     }
 
     pub(super) fn of(&self, is: impl Fn(Subject) -> bool) -> impl Iterator<Item = usize> {

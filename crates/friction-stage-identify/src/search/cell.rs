@@ -5,10 +5,11 @@ use crate::hypothesis::{Hypothesis, Part, Sides};
 use crate::record::measured::{Measured, mean_square};
 use friction_stage_core::plant::effects::Role;
 
-use super::gain::{HALF_OF_THE_REST, NOISE_LIKE};
 use super::selection::Errors;
 use super::state::Search;
 
+/// Part of what a force takes out of both sides that it takes out from the command to the motion.
+const SHOWN_WITHOUT: f64 = 0.5;
 /// Share of the explainable residual that the zero of a cell may wander by beside a drift that was
 /// found. Assumed: the law explains at least nine tenths.
 const WANDERS_AT_MOST: f64 = 0.1;
@@ -40,7 +41,7 @@ impl Search<'_> {
                      gain: f64|
          -> Result<bool, IdentifyError> {
             Ok(without_cell(before, measured)? - without_cell(with, measured)?
-                >= HALF_OF_THE_REST * gain)
+                >= SHOWN_WITHOUT * gain)
         };
         let holdout = self.holdout;
         Ok(takes(before, with, self.train, errors_before.train() - errors_with.train())?
@@ -56,16 +57,15 @@ impl Search<'_> {
     /// rms. `None` unless that is all that is left: from the command to the motion nothing but
     /// noise is missing, and what the cell reads wrong is slow and little against what was found.
     pub(super) fn wander_of_zero(&self) -> Result<Option<f64>, IdentifyError> {
-        let of_cell =
-            self.best.hypothesis.effects[self.declared_effects()..].iter().any(is_of_cell);
-        if !self.has_cell() || !of_cell || self.is_noise(&self.best_errors) {
+        let of_cell = self.found().effects[self.declared_effects()..].iter().any(is_of_cell);
+        if !self.has_cell() || !of_cell || self.is_noise(&self.best.errors) {
             return Ok(None);
         }
-        let little = self.beyond_noise(&self.best_errors)
-            <= WANDERS_AT_MOST * self.beyond_noise(&self.errors_before);
-        let here = self.best.hypothesis.in_record(self.holdout)?;
-        let elsewhere =
-            without_cell(&here, self.holdout)?.sqrt() > NOISE_LIKE * self.floors.holdout.total();
+        let little = self.beyond_noise(&self.best.errors)
+            <= WANDERS_AT_MOST * self.beyond_noise(&self.before.errors);
+        let here = self.found().in_record(self.holdout)?;
+        let elsewhere = without_cell(&here, self.holdout)?.sqrt()
+            > self.criteria.noise_like * self.floors.holdout.total();
         let missing = here.missing(self.holdout, Sides::MOTOR)?.motor;
         let beyond = mean_square(missing.iter().copied()) - self.floors.holdout.motor.powi(2);
         let means = square_of_means(&self.holdout.at_rows(&self.holdout.time), &missing, SLOW);
@@ -102,8 +102,8 @@ mod tests {
     use super::super::tests::part;
     use super::*;
     use crate::hypothesis::Tolerances;
-    use crate::search::Silent;
-    use crate::search::state::errors;
+    use crate::search::score::errors;
+    use crate::search::{Criteria, Silent};
     use crate::test_records::recording;
     use friction_stage_core::model::StageModel;
     use friction_stage_core::plant::EffectDescriptor;
@@ -137,20 +137,21 @@ mod tests {
             };
             let (train, holdout) = (record(3, 4), record(4, 2));
             let start = Hypothesis::new(&declared, Tolerances::default()).unwrap();
-            let mut search = Search::new(&start, &train, &holdout, &Silent).unwrap();
-            search.best.hypothesis = start.with(drift.clone());
-            search.best_errors = errors(&search.best.hypothesis, &train, &holdout).unwrap();
+            let mut search =
+                Search::new(&start, &train, &holdout, &Criteria::USUAL, &Silent).unwrap();
+            search.best.fitted.hypothesis = start.with(drift.clone());
+            search.best.errors = errors(&search.best.fitted.hypothesis, &train, &holdout).unwrap();
             let part =
                 if in_cell { vibration(0.5 * amplitude, PI) } else { vibration(amplitude, 0.0) };
-            let with = search.best.hypothesis.with(part.clone());
+            let with = search.best.fitted.hypothesis.with(part.clone());
             let found = errors(&with, &train, &holdout).unwrap();
-            let before = &search.best_errors;
+            let before = &search.best.errors;
             assert!(
                 before.train() - found.train() > 0.02 && before.holdout() - found.holdout() > 0.02,
                 "{in_cell}"
             );
             let shows = search
-                .shows_without_cell((&search.best.hypothesis, before), (&with, &found))
+                .shows_without_cell((&search.best.fitted.hypothesis, before), (&with, &found))
                 .unwrap();
             assert_eq!(shows, !in_cell);
         }
@@ -181,9 +182,10 @@ mod tests {
             let (train, holdout) =
                 (record(3, 6, size, frequency, in_cell), record(4, 4, size, frequency, in_cell));
             let start = Hypothesis::new(&model, Tolerances::default()).unwrap();
-            let mut search = Search::new(&start, &train, &holdout, &Silent).unwrap();
-            search.best.hypothesis = start.with(drift.clone());
-            search.best_errors = errors(&search.best.hypothesis, &train, &holdout).unwrap();
+            let mut search =
+                Search::new(&start, &train, &holdout, &Criteria::USUAL, &Silent).unwrap();
+            search.best.fitted.hypothesis = start.with(drift.clone());
+            search.best.errors = errors(&search.best.fitted.hypothesis, &train, &holdout).unwrap();
             let wander = search.wander_of_zero().unwrap();
             assert_eq!(
                 wander.is_some(),

@@ -7,28 +7,13 @@ use crate::fit::{FitBudget, Fitted, fit};
 use crate::hypothesis::{Hypothesis, Part, Sides};
 use crate::search::curve_drawing::{self, Beside};
 use friction_stage_core::model::{Coordinate, CurveSide, EffectParameters};
-use friction_stage_core::plant::Side;
 use friction_stage_core::plant::effects::ParameterKind;
 
 use super::columns::Columns;
-use super::gain::HALF_OF_THE_REST;
+use super::score::{Judged, errors};
 use super::selection::{Errors, Evidence, Outcome};
-use super::state::{Search, errors};
+use super::state::Search;
 
-/// How many times that a curve must take: it says less than a law, and of a law that is just too
-/// small a curve would tell.
-const CURVE_GAIN: f64 = 2.0;
-/// Share of the explainable residual that a map must take out beyond the laws for the verdict to
-/// become unknown; where it is so already, of what they leave.
-pub(super) const UNEXPLAINED: f64 = 0.1;
-/// Part of what laws leave unexplained that a curve in their place may leave at most: a law says
-/// more than a curve of many knots.
-pub(super) const CURVE_ALONE: f64 = 0.5;
-/// Periods within the travel from which on a ripple has shown that it is one. Assumed.
-const LEAST_PERIODS: f64 = 3.0;
-/// Part of what a curve must take out of the hold-out that it must come to on the train record, or
-/// its fit is given up. Assumed.
-const SHOWN_ON_TRAIN: f64 = 0.5;
 /// First and last step with which the place of a jump is sought around where it stands, s. Assumed.
 const COARSE_PLACE: f64 = 16e-3;
 const FINE_PLACE: f64 = 2.5e-4;
@@ -40,73 +25,76 @@ pub(super) const MOST_CURVES: usize = 4;
 /// A curve as it is drawn, before anything is fitted again.
 struct DrawnCurve {
     with: Hypothesis,
-    over: Coordinate,
     damping: Option<f64>,
-    /// Fall of the held-out mean square, N^2.
+    /// Fall of the score of the hold-out.
     gain: f64,
 }
 
 impl Search<'_> {
-    /// What is left over one coordinate that no law has?
-    pub(super) fn add_curve(&mut self) -> Result<(), IdentifyError> {
+    /// What is left over one coordinate that no law has? Whether there is.
+    pub(super) fn add_curve(&mut self) -> Result<bool, IdentifyError> {
+        if self.is_noise(&self.best.errors) && self.unproven_ripples().is_empty() {
+            return Ok(false);
+        }
         self.watch.progress("curves over position, velocity and time", 0.9);
-        // Where laws leave more than noise, half of that is worth a curve, however little it is of
-        // the whole; where they are no answer, less is.
-        let rest = self.beyond_noise(&self.best_errors).max(0.0);
-        let of_the_rest =
-            match (self.is_noise(&self.best_errors), self.is_explained(&self.best_errors)) {
-                (true, _) => f64::INFINITY,
-                (false, true) => HALF_OF_THE_REST,
-                (false, false) => UNEXPLAINED,
-            };
-        let least =
-            (UNEXPLAINED * self.beyond_noise(&self.errors_before).max(0.0)).min(of_the_rest * rest);
-        if let Some((with, over)) =
-            self.with_curve(&self.best.hypothesis, &self.best_errors, least, FitBudget::KEPT)?
-        {
+        let beside = match self.is_noise(&self.best.errors) {
+            true => None,
+            false => self.with_curve(self.found(), &self.best.errors, FitBudget::KEPT)?,
+        };
+        if let Some(with) = beside {
             self.runners_up.push(Vec::new());
-            self.coordinate = Some(over);
-            self.take(with)?;
+            self.best = with;
         }
         // Laws that explain a part each bend towards what is none of them: one curve alone may say
-        // it better.
-        let added = self.best.hypothesis.effects.len() - self.declared_effects();
+        // it better. Ripples that have not shown that they are ones say no more than a curve.
+        let added = self.found().effects.len() - self.declared_effects();
         let laws = added - usize::from(self.curve().is_some());
+        let unproven = !self.unproven_ripples().is_empty();
+        let asked = if unproven { self.criteria.fall } else { self.criteria.fall_of_curve };
         let unexplained =
-            !self.is_noise(&self.best_errors) && !self.is_explained(&self.best_errors);
+            !self.is_noise(&self.best.errors) && !self.is_explained(&self.best.errors);
         if laws > 0
-            && (unexplained || !self.unproven_ripples().is_empty())
-            && let Some((alone, over)) = self.with_curve(
-                &self.before.hypothesis,
-                &self.errors_before,
-                least,
+            && (unexplained || unproven)
+            && let Some(alone) = self.with_curve(
+                &self.before.fitted.hypothesis,
+                &self.before.errors,
                 FitBudget::KEPT,
             )?
+            && self.best.score.fall_to(&alone.score) >= asked
         {
-            let found = errors(&alone.hypothesis, self.train, self.holdout)?;
-            if self.beyond_noise(&found) < CURVE_ALONE * self.beyond_noise(&self.best_errors) {
-                (self.best, self.best_errors, self.coordinate) = (alone, found, Some(over));
-                let kept =
-                    |one: &&mut Evidence| matches!(one.outcome, Outcome::Chosen | Outcome::Equal);
-                self.evidence.iter_mut().filter(kept).for_each(|one| one.outcome = Outcome::Pruned);
-                self.inseparable.clear();
-                self.runners_up.truncate(self.declared_effects());
-                self.runners_up.push(Vec::new());
-            }
+            self.best = alone;
+            let kept =
+                |one: &&mut Evidence| matches!(one.outcome, Outcome::Chosen | Outcome::Equal);
+            self.evidence.iter_mut().filter(kept).for_each(|one| one.outcome = Outcome::Pruned);
+            self.inseparable.clear();
+            self.runners_up.truncate(self.declared_effects());
+            self.runners_up.push(Vec::new());
         }
-        Ok(())
+        Ok(self.curve().is_some())
     }
 
     /// Laws that were added which repeat over the position, and hardly do so in this record, with
     /// how often they do: a few of these add up to any curve.
     pub(super) fn unproven_ripples(&self) -> Vec<(&'static str, f64)> {
+        let added = self.found().effects[self.declared_effects()..].iter();
+        added.filter_map(|part| self.periods_of_unproven(part)).collect()
+    }
+
+    pub(super) fn is_unproven(&self, part: &Part) -> bool {
+        self.periods_of_unproven(part).is_some()
+    }
+
+    fn periods_of_unproven(&self, part: &Part) -> Option<(&'static str, f64)> {
         let (from, to) = friction_stage_core::numerics::range(&self.train.position);
-        let added = self.best.hypothesis.effects[self.declared_effects()..].iter();
-        let ripples = added.filter(|part| part.descriptor.may_repeat()).filter_map(|part| {
-            let period = part.value_of_kind(ParameterKind::Period)?;
-            Some((part.descriptor.name, (to - from) / period))
-        });
-        ripples.filter(|(_, periods)| *periods < LEAST_PERIODS).collect()
+        let period = part.value_of_kind(ParameterKind::Period)?;
+        let periods = (to - from) / period;
+        (part.descriptor.may_repeat() && periods < self.criteria.least_periods)
+            .then_some((part.descriptor.name, periods))
+    }
+
+    /// Coordinate of the curve that the search has added.
+    pub(super) fn coordinate(&self) -> Option<Coordinate> {
+        Some(self.found().effects[self.curve()?].curve()?.coordinate)
     }
 
     /// Draws the curve again while that is worth it.
@@ -122,64 +110,55 @@ impl Search<'_> {
     /// Where the curve stands that the search has added; one that the model declares is not for it
     /// to change.
     pub(super) fn curve(&self) -> Option<usize> {
-        let last = self.best.hypothesis.effects.iter().rposition(|part| part.descriptor.is_curve());
+        let last = self.found().effects.iter().rposition(|part| part.descriptor.is_curve());
         last.filter(|index| *index >= self.declared_effects())
-    }
-
-    /// Takes a fit with another curve, which stands last there, in place of the one that stands at
-    /// `index`.
-    pub(super) fn replace_curve(
-        &mut self,
-        index: usize,
-        with: Fitted,
-        over: Coordinate,
-    ) -> Result<(), IdentifyError> {
-        self.runners_up.remove(index);
-        self.runners_up.push(Vec::new());
-        self.coordinate = Some(over);
-        self.take(with)
     }
 
     /// The curve once more, of what is left without it; whether that is worth going on.
     fn draw_curve_again(&mut self) -> Result<bool, IdentifyError> {
         let Some(index) = self.curve() else { return Ok(false) };
         self.watch.progress("the curve once more", 0.92);
-        let without = self.best.hypothesis.without(index);
+        let without = self.found().without(index);
         let left = errors(&without, self.train, self.holdout)?;
-        let Some((with, over)) = self.with_curve(&without, &left, 0.0, FitBudget::KEPT)? else {
+        let Some(with) = self.with_curve(&without, &left, FitBudget::KEPT)? else {
             return Ok(false);
         };
-        let found = errors(&with.hypothesis, self.train, self.holdout)?;
-        let (now, before) = (self.beyond_noise(&found), self.beyond_noise(&self.best_errors));
-        if now < before {
-            self.replace_curve(index, with, over)?;
+        let (fall, is_noise) = (self.best.score.fall_to(&with.score), self.is_noise(&with.errors));
+        if with.errors.holdout() < self.best.errors.holdout() {
+            self.runners_up.remove(index);
+            self.runners_up.push(Vec::new());
+            self.best = with;
         }
-        Ok(now < (1.0 - UNEXPLAINED) * before && !self.is_noise(&found))
+        Ok(fall >= self.criteria.fall && !is_noise)
     }
 
     /// The curve over position, velocity or time that takes most out of the hold-out, if that is
-    /// more than chance, and with everything refitted more than `least` (N^2).
+    /// enough of what is left of both records.
     pub(super) fn with_curve(
         &self,
         start: &Hypothesis,
         start_errors: &Errors,
-        least: f64,
         effort: FitBudget,
-    ) -> Result<Option<(Fitted, Coordinate)>, IdentifyError> {
+    ) -> Result<Option<Judged>, IdentifyError> {
         let drawn = self.drawn_curves(start, start_errors)?;
-        let effort = effort.gain_below(
-            self.train.rows.len() as f64 * (start_errors.train() - SHOWN_ON_TRAIN * least),
-        );
+        let start_score = self.quick_score(start_errors);
+        // What is no answer yet loses nothing by a curve.
+        let least = match self.is_explained(start_errors) {
+            true => self.criteria.fall_of_curve,
+            false => self.criteria.fall,
+        };
         // The best one of each damping: moves are far from linear, so that one that is better at
         // first need not be the better one. A curve that the train record does not show is drawn
         // through what it says nothing of, and fits the hold-out by chance.
-        let gain = |fitted: &Fitted| -> Result<f64, IdentifyError> {
-            let left = errors(&fitted.hypothesis, self.train, self.holdout)?;
-            let side = fitted.hypothesis.effects.last().map_or(Side::Carriage, Part::side);
-            let is_shown = start_errors.train() - left.train() > CURVE_GAIN * self.threshold(side);
-            let is_shown = is_shown
-                && self.shows_without_cell((start, start_errors), (&fitted.hypothesis, &left))?;
-            Ok(if is_shown { start_errors.holdout() - left.holdout() } else { f64::NEG_INFINITY })
+        let judged = |fitted: Fitted| -> Result<Option<Judged>, IdentifyError> {
+            let judged = self.judged(fitted)?;
+            let is_enough = start_score.fall_to(&judged.score) >= least;
+            let shows = is_enough
+                && self.shows_without_cell(
+                    (start, start_errors),
+                    (&judged.fitted.hypothesis, &judged.errors),
+                )?;
+            Ok(shows.then_some(judged))
         };
         let fitted = curve_drawing::DAMPINGS.par_iter().filter_map(|damping| {
             let alike = drawn.iter().filter(|one| one.damping == *damping);
@@ -190,26 +169,24 @@ impl Search<'_> {
                     false,
                     effort,
                 )?;
-                let gain = gain(&fitted)?;
-                Ok((fitted, gain, one.over))
+                judged(fitted)
             };
-            Some(fitted())
+            fitted().transpose()
         });
         let fitted = fitted.collect::<Result<Vec<_>, _>>()?.into_iter();
-        let best = fitted
-            .filter(|(_, gain, _)| *gain > least)
-            .max_by(|one, other| one.1.total_cmp(&other.1));
-        let Some((held, by_held, over)) = best else { return Ok(None) };
+        let left = |one: &Judged| one.errors.holdout();
+        let best = fitted.min_by(|one, other| left(one).total_cmp(&left(other)));
+        let Some(held) = best else { return Ok(None) };
         // A change of friction multiplies what the guides have, and these were biased when it was
         // drawn.
         let of_friction =
             |part: &Part| part.curve().is_some_and(|curve| curve.side.is_of_friction());
-        if !held.hypothesis.effects.last().is_some_and(of_friction) {
-            return Ok(Some((held, over)));
+        if !held.fitted.hypothesis.effects.last().is_some_and(of_friction) {
+            return Ok(Some(held));
         }
-        let biased = self.with_heights_fitted(&held.hypothesis, effort)?;
-        let is_better = gain(&biased)? > by_held;
-        Ok(Some((if is_better { biased } else { held }, over)))
+        let biased = judged(self.with_heights_fitted(&held.fitted.hypothesis, effort)?)?;
+        let better = biased.filter(|biased| left(biased) < left(&held));
+        Ok(Some(better.unwrap_or(held)))
     }
 
     /// The heights of a curve fitted with everything else, with a jump if what it leaves shows one.
@@ -317,6 +294,7 @@ impl Search<'_> {
         start_errors: &Errors,
     ) -> Result<Vec<DrawnCurve>, IdentifyError> {
         let columns = Columns::new(start, self.train)?;
+        let start_score = self.quick_score(start_errors);
         let (nothing, moving) =
             (Beside::nothing(self.train.rows.len()), Beside::of(start, self.train)?);
         let sides = [
@@ -343,8 +321,7 @@ impl Search<'_> {
             sought.into_par_iter().map(|(over, side)| -> Result<Vec<DrawnCurve>, IdentifyError> {
                 // Behind the cell nothing of the carriage moves.
                 let on_motor = side == CurveSide::Motor;
-                let (beside, at) =
-                    if on_motor { (&nothing, Side::Motor) } else { (&moving, Side::Carriage) };
+                let beside = if on_motor { &nothing } else { &moving };
                 let drawn =
                     curve_drawing::propose(&columns.residual(on_motor), over, side, beside)?;
                 let worth = drawn.into_iter().filter_map(|one| {
@@ -353,10 +330,10 @@ impl Search<'_> {
                         .iter()
                         .for_each(|coordinate| with.set(coordinate.id, coordinate.value));
                     // Values that do not go together are no curve.
-                    let left = errors(&with, self.train, self.holdout).ok()?.holdout();
-                    let gain = start_errors.holdout() - left;
-                    let worth = gain > CURVE_GAIN * self.threshold(at);
-                    worth.then_some(DrawnCurve { with, over, damping: one.damping, gain })
+                    let left = errors(&with, self.train, self.holdout).ok()?;
+                    let gain = start_score.holdout - self.quick_score(&left).holdout;
+                    let worth = gain > self.criteria.fall;
+                    worth.then_some(DrawnCurve { with, damping: one.damping, gain })
                 });
                 Ok(worth.collect())
             });

@@ -6,17 +6,12 @@ use crate::hypothesis::nominal_parameter::NominalParameter;
 use crate::hypothesis::{Hypothesis, ParameterId, Part, Sides, Tolerances};
 use friction_stage_core::model::{GuideSource, StageModel};
 
-use super::curves::UNEXPLAINED;
-use super::different_guides::with_different_guides;
-use super::gain::NOISE_LIKE;
+use super::score::errors;
 use super::selection::Errors;
-use super::state::{Search, errors};
+use super::state::{Search, with_different_guides};
 
 /// Tolerance of a guide of which nothing is known.
 const ANY_GUIDE: f64 = 9.0;
-/// Tolerances beyond which a parameter of sliding is another guide's, whatever else there may be.
-/// Assumed.
-const FAR: f64 = 3.0;
 
 impl<'a> Search<'a> {
     /// The search with stiffness and damping of the bristles as the record has them, where the
@@ -28,14 +23,14 @@ impl<'a> Search<'a> {
             ParameterId::Nominal(one) => NominalParameter::BRISTLES.contains(&one),
             _ => false,
         };
-        if self.is_noise(&self.errors_before) || !self.ends_on_a_bound(of_bristles) {
+        if self.is_noise(&self.before.errors) || !self.ends_on_a_bound(of_bristles) {
             return Ok(self);
         }
-        let free = self.before.hypothesis.with_any_bristles();
+        let free = self.before.fitted.hypothesis.with_any_bristles();
         let Some(mut free) = self.begun_with(&free)? else { return Ok(self) };
-        free.errors_within_tolerance = Some(self.errors_before);
-        let is_answer = free.is_all_but_noise(&free.errors_before)
-            && !free.before.hypothesis.bristles_beyond_tolerance().is_empty();
+        free.errors_within_tolerance = Some(self.before.errors);
+        let is_answer = free.is_all_but_noise(&free.before.errors)
+            && !free.before.fitted.hypothesis.bristles_beyond_tolerance().is_empty();
         Ok(if is_answer { free } else { self })
     }
 
@@ -44,28 +39,29 @@ impl<'a> Search<'a> {
     /// no more: the noise of the encoder, which comes back in the force by way of the controller,
     /// looks like a shift where the train record has little else that tells one.
     pub(super) fn with_sensors_as_declared(self) -> Result<Search<'a>, IdentifyError> {
-        if self.is_noise(&self.errors_before) {
+        if self.is_noise(&self.before.errors) {
             return Ok(self);
         }
-        let held = self.before.hypothesis.holding_shift();
-        let held = self.begun_with(&held)?.filter(|held| held.is_noise(&held.errors_before));
+        let held = self.before.fitted.hypothesis.holding_shift();
+        let held = self.begun_with(&held)?.filter(|held| held.is_noise(&held.before.errors));
         Ok(held.unwrap_or(self))
     }
 
     /// A search that begins with another hypothesis, where that leaves no more than noise on the
     /// train record.
     fn begun_with(&self, other: &Hypothesis) -> Result<Option<Search<'a>>, IdentifyError> {
-        let worth = NOISE_LIKE.powi(2) * self.noise_squares();
+        let worth = self.criteria.noise_like.powi(2) * self.noise_squares();
         let fitted = fit(other, self.train, Sides::BOTH, FitBudget::COMPARED.gain_below(worth))?;
         if fitted.squares() > worth {
             return Ok(None);
         }
-        Search::new(&fitted.hypothesis, self.train, self.holdout, self.watch).map(Some)
+        Search::new(&fitted.hypothesis, self.train, self.holdout, &self.criteria, self.watch)
+            .map(Some)
     }
 
     /// Whether the fit of the declared model ends on a bound of such a parameter.
     fn ends_on_a_bound(&self, such: impl Fn(ParameterId) -> bool) -> bool {
-        let both = self.before.coordinates.iter().zip(&self.before.at_bound);
+        let both = self.before.fitted.coordinates.iter().zip(&self.before.fitted.at_bound);
         both.into_iter().any(|(one, bound)| *bound && such(one.id))
     }
 
@@ -73,19 +69,19 @@ impl<'a> Search<'a> {
     /// declared ones leave more than noise and end on a bound, and others explain everything, these
     /// are the answer, and the search would take laws for them.
     pub(super) fn refuse_other_guides(&self) -> Result<(), IdentifyError> {
-        if !self.doubts_the_guides() || self.is_noise(&self.errors_before) {
+        if !self.doubts_the_guides() || self.is_noise(&self.before.errors) {
             return Ok(());
         }
-        let declared = self.before.hypothesis.declared();
+        let declared = self.before.fitted.hypothesis.declared();
         let Some(other) = self.other_guides(declared, FitBudget::KEPT)? else { return Ok(()) };
         // A law may move a parameter a little beyond its tolerance, and leaves something then; no
         // law moves it far.
-        let nearly =
-            self.beyond_noise(&other.left) < UNEXPLAINED * self.beyond_noise(&self.errors_before);
+        let nearly = self.beyond_noise(&other.left)
+            < self.criteria.left_at_most * self.beyond_noise(&self.before.errors);
         let all =
             self.is_all_but_noise(&other.left) && (self.friction_ends_on_a_bound() || other.is_far);
         if all || (nearly && other.is_far) {
-            return Err(other.refusal(&self.errors_before));
+            return Err(other.refusal(&self.before.errors));
         }
         Ok(())
     }
@@ -95,7 +91,7 @@ impl<'a> Search<'a> {
     /// everything where the model lacks another law as well.
     pub(super) fn refuse_guides_in_place_of_laws(&self) -> Result<(), IdentifyError> {
         let first = self.declared_effects();
-        let found = &self.best.hypothesis;
+        let found = &self.found();
         if found.effects.len() == first || !self.doubts_the_guides() {
             return Ok(());
         }
@@ -111,9 +107,9 @@ impl<'a> Search<'a> {
             };
             if let Some(other) = self.other_guides(&declared, self.in_place_of_best())?
                 && other.is_far
-                && self.leaves_about_as_much(&other.left)
+                && !self.falls_to_best_from(&other.left)
             {
-                return Err(other.refusal(&self.errors_before));
+                return Err(other.refusal(&self.before.errors));
             }
         }
         Ok(())
@@ -122,7 +118,7 @@ impl<'a> Search<'a> {
     /// Whether the declared guides would go beyond their tolerance, or have a friction of zero,
     /// which has none.
     fn doubts_the_guides(&self) -> bool {
-        let hypothesis = &self.before.hypothesis;
+        let hypothesis = &self.before.fitted.hypothesis;
         let is_zero = |one| hypothesis.declared_value(one, self.train.rate) == 0.0;
         self.friction_ends_on_a_bound() || is_zero(NominalParameter::ViscousFriction)
     }
@@ -142,9 +138,9 @@ impl<'a> Search<'a> {
         declared: &StageModel,
         effort: FitBudget,
     ) -> Result<Option<OtherGuides>, IdentifyError> {
-        let tolerances = self.before.hypothesis.tolerances;
+        let tolerances = self.before.fitted.hypothesis.tolerances;
         let wide = Tolerances { guides: ANY_GUIDE, presliding: ANY_GUIDE, ..tolerances };
-        let holding = |one: Hypothesis| match self.before.hypothesis.holds_shift() {
+        let holding = |one: Hypothesis| match self.before.fitted.hypothesis.holds_shift() {
             true => one.holding_shift(),
             false => one,
         };
@@ -184,7 +180,7 @@ impl<'a> Search<'a> {
                     .then(|| format!("{name} is {is:.4} {unit}, declared {was:.4} {unit}"))
             })
             .collect();
-        let is_far = farthest > 1.0 + FAR * tolerances.guides;
+        let is_far = farthest > 1.0 + self.criteria.far_guides * tolerances.guides;
         let tolerance = tolerances.guides;
         Ok((!beyond.is_empty()).then_some(OtherGuides { beyond, tolerance, is_far, left }))
     }

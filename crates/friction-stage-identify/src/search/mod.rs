@@ -1,21 +1,19 @@
-//! Which effects are there? Forward selection with a refit of everything at each step, judged on
-//! held-out data, pruned backwards.
+//! Which effects are there? A search over sets of laws, each fitted with everything else and judged
+//! by one [score](score::Score) on both records: a law is added, left out, exchanged for another
+//! one, or a curve is drawn for what no law has, while that lowers the score by enough.
 
-mod above_noise;
-mod alternatives;
 mod cell;
 mod columns;
+mod criteria;
 mod curve_drawing;
 mod curves;
-mod different_guides;
-mod errors;
+mod exchange;
 mod forms;
-mod gain;
 mod guides;
 pub(crate) mod nulls;
 pub(crate) mod phase;
-mod pruning;
 mod rounds;
+mod score;
 mod selection;
 mod slips;
 mod state;
@@ -27,22 +25,31 @@ use crate::fit::{FitBudget, sensor_noise};
 use crate::hypothesis::{Hypothesis, Sides, Tolerances};
 use crate::record::measured::Measured;
 
-use curves::MOST_CURVES;
 use nulls::NullRecords;
 use state::Search;
 
-pub(super) use gain::RIVAL;
-pub use gain::{CARRIAGE_GAIN, LEFT_AT_MOST, NOISE_LIKE};
+pub use criteria::Criteria;
 pub(crate) use selection::ALL_BUT_NOISE;
 pub use selection::{Errors, Evidence, Inseparable, Outcome, Selection, Silent, Verdict, Watch};
 pub use state::MOST_LAWS;
 
-/// Part of a force beyond which the noise of the sensors hides it: a friction that is a part of it
-/// would be nothing but noise. Assumed.
-const HIDDEN: f64 = 0.5;
+/// Turns of laws, exchanges and curves at most.
+const MOST_TURNS: usize = 6;
 
 /// Searches for what the declared model lacks.
 pub fn search(
+    declared: &StageModel,
+    tolerances: Tolerances,
+    train: &Measured,
+    holdout: &Measured,
+    watch: &dyn Watch,
+) -> Result<Selection, IdentifyError> {
+    search_by(&Criteria::USUAL, declared, tolerances, train, holdout, watch)
+}
+
+/// The same by other criteria.
+pub fn search_by(
+    criteria: &Criteria,
     declared: &StageModel,
     tolerances: Tolerances,
     train: &Measured,
@@ -53,7 +60,7 @@ pub fn search(
     let start = Hypothesis::new(declared, tolerances)?;
     for (name, record) in [("the train record", train), ("the hold-out record", holdout)] {
         let (floor, force) = (start.floor(record).total(), record.force_rms());
-        if floor > HIDDEN * force {
+        if floor > criteria.hidden * force {
             return Err(IdentifyError::HiddenByNoise {
                 name,
                 encoder: record.noise,
@@ -63,124 +70,101 @@ pub fn search(
             });
         }
     }
-    let mut search = Search::new(&start, train, holdout, watch)?;
+    let mut search = Search::new(&start, train, holdout, criteria, watch)?;
     search.refuse_other_guides()?;
     search = search.with_sensors_as_declared()?.with_bristles_of_the_record()?;
-    search.add_laws()?;
-    if !search.stopped {
-        search.choose_forms_again()?;
-        search.add_curve()?;
-        // Beside a curve laws show, or change, that what it stands for had hidden; beside these it
-        // is another curve. It settles first: a round of all laws costs far more.
-        let mut turns = 0;
-        while search.coordinate.is_some() {
-            search.settle_curve()?;
-            turns += 1;
-            if turns > MOST_CURVES || !(search.add_laws()? | search.choose_forms_again()?) {
-                break;
-            }
-        }
-    }
-    if !search.stopped && search.let_balls_slip()? {
-        search.add_laws()?;
-        if !search.stopped {
-            search.choose_forms_again()?;
-            search.add_curve()?;
-            search.settle_curve()?;
-        }
-    }
-    if !search.stopped {
-        search.conclude()?;
-        search.refuse_guides_in_place_of_laws()?;
-    }
+    search.run()?;
     search.selection()
 }
 
 impl Search<'_> {
-    /// Fits what was found to the end.
-    fn finish(&mut self) -> Result<(), IdentifyError> {
-        self.watch.progress("fit of what was found", 0.94);
-        self.go_on_fitting(FitBudget::KEPT)
-    }
-
-    /// Fits what was found to the end and prunes it. What goes makes room for laws that there was
-    /// none for.
-    fn conclude(&mut self) -> Result<(), IdentifyError> {
-        self.finish()?;
-        let was_full = self.is_full();
-        self.prune()?;
-        if was_full && !self.is_full() && self.add_laws()? {
-            self.finish()?;
-            self.prune()?;
+    /// Turns of laws, exchanges and curves until none of them finds a better set.
+    fn run(&mut self) -> Result<(), IdentifyError> {
+        for _ in 0..MOST_TURNS {
+            let mut changed = self.add_laws()?;
+            if self.stopped {
+                return Ok(());
+            }
+            if changed {
+                self.watch.progress("fit of what was found", 0.9);
+                self.go_on_fitting(FitBudget::KEPT)?;
+                changed = self.exchange()?;
+            }
+            if !changed && self.curve().is_none() {
+                changed = self.add_curve()? || self.let_balls_slip()?;
+            }
+            if changed && self.curve().is_some() {
+                self.settle_curve()?;
+                self.exchange()?;
+            }
+            if !changed || self.stopped {
+                break;
+            }
         }
-        self.weigh_alternatives()?;
-        if self.best.hypothesis.effects.len() > self.declared_effects()
-            && !self.is_all_more_than_noise()?
-        {
-            self.forget_all()?;
+        if self.found().effects.len() > self.declared_effects() {
+            if !self.needs(&self.best, &self.before) {
+                self.forget_all();
+            }
+            self.refuse_guides_in_place_of_laws()?;
         }
         Ok(())
     }
 
     /// Back to the declared model: what was added is no more than noise.
-    fn forget_all(&mut self) -> Result<(), IdentifyError> {
+    fn forget_all(&mut self) {
         let kept = |one: &&mut Evidence| matches!(one.outcome, Outcome::Chosen | Outcome::Equal);
         self.evidence.iter_mut().filter(kept).for_each(|one| one.outcome = Outcome::TooSmall);
         self.inseparable.clear();
         self.runners_up.truncate(self.declared_effects());
-        self.coordinate = None;
-        self.take(self.before.clone())
+        self.best = self.before.clone();
     }
 
     /// What the train record leaves open of the force on the hold-out, N rms, where the declared
     /// model leaves noise on the train record and no more than that on the hold-out.
     fn left_open(&self) -> Result<Option<f64>, IdentifyError> {
-        if !self.is_noise_on_train(&self.best_errors) {
+        if !self.is_noise_on_train(&self.best.errors) {
             return Ok(None);
         }
-        let hypothesis = &self.best.hypothesis;
+        let hypothesis = self.found();
         let controller = self.controller.as_ref();
         let open = NullRecords::new(hypothesis, self.train, self.holdout, controller)?
-            .left_open(&self.best)?;
+            .left_open(&self.best.fitted)?;
         let all = open.hypot(self.floors.holdout.total());
-        Ok((self.best_errors.holdout().sqrt() <= NOISE_LIKE * all).then_some(open))
+        Ok((self.best.errors.holdout().sqrt() <= self.criteria.noise_like * all).then_some(open))
     }
 
     fn selection(mut self) -> Result<Selection, IdentifyError> {
-        self.best.hypothesis =
-            self.best.hypothesis.with_own_amplitudes(self.declared_effects(), self.train)?;
-        let there = |name: &str| {
-            self.best.hypothesis.effects.iter().any(|part| part.descriptor.name == name)
-        };
+        self.best.fitted.hypothesis =
+            self.found().with_own_amplitudes(self.declared_effects(), self.train)?;
+        let effects = self.found().effects.clone();
+        let there = |name: &str| effects.iter().any(|part| part.descriptor.name == name);
         // Two laws that are both there are no rivals: each has taken out what the other one could
         // not.
         self.inseparable.retain(|pair| !there(pair.rival));
-        if !self.best.hypothesis.effects.iter().any(|part| part.descriptor.is_curve()) {
-            self.coordinate = None;
-        }
+        let coordinate = self.coordinate();
         // Nor is what came later a runner-up.
         let runners_up = self
             .runners_up
             .iter()
             .map(|others| others.iter().find(|(name, _)| !there(name)).copied())
             .collect();
-        let added = self.best.hypothesis.effects.len() - self.declared_effects();
+        let added = self.found().effects.len() - self.declared_effects();
         // Nothing is `none`, and little is `found`, while what is left is not noise, or while not
         // everything was tried.
         let wander_of_zero = self.wander_of_zero()?;
         let left_open = match added {
-            0 if !self.stopped && !self.is_noise(&self.best_errors) => self.left_open()?,
+            0 if !self.stopped && !self.is_noise(&self.best.errors) => self.left_open()?,
             _ => None,
         };
         let settled = match added {
-            0 => (self.is_noise(&self.best_errors) || left_open.is_some()) && !self.stopped,
+            0 => (self.is_noise(&self.best.errors) || left_open.is_some()) && !self.stopped,
             _ => {
-                self.is_noise(&self.best_errors)
-                    || self.is_explained(&self.best_errors)
+                self.is_noise(&self.best.errors)
+                    || self.is_explained(&self.best.errors)
                     || wander_of_zero.is_some()
             }
         };
-        let verdict = if self.coordinate.is_some() || !settled {
+        let verdict = if coordinate.is_some() || !settled {
             Verdict::Unknown
         } else if added == 0 {
             Verdict::None
@@ -190,21 +174,22 @@ impl Search<'_> {
             Verdict::Found
         };
         let unproven = self.unproven_ripples();
-        let mut after = self.best.estimate(self.train, Sides::BOTH)?;
+        let errors_after = self.best.errors;
+        let mut after = self.best.fitted.estimate(self.train, Sides::BOTH)?;
         if !self.stopped && !self.watch.stopped() {
             self.watch.progress("what the sensors' noise does to the parameters", 0.97);
             after = sensor_noise::widened(after, self.train)?;
         }
-        let declared_floor = self.before.hypothesis.declared_floor(self.holdout);
+        let declared_floor = self.before.fitted.hypothesis.declared_floor(self.holdout);
         Ok(Selection {
             verdict,
-            before: self.before,
+            errors_before: self.before.errors,
+            before: self.before.fitted,
             after,
-            errors_before: self.errors_before,
             errors_within_tolerance: self.errors_within_tolerance,
-            errors_after: self.best_errors,
+            errors_after,
             evidence: self.evidence,
-            coordinate: self.coordinate,
+            coordinate,
             runners_up,
             unproven,
             wander_of_zero,
@@ -302,7 +287,7 @@ pub(super) mod tests {
         };
         let (train, holdout) = (record(3, 6), record(4, 4));
         let start = Hypothesis::new(&model, Tolerances::default()).unwrap();
-        let mut search = Search::new(&start, &train, &holdout, &Silent).unwrap();
+        let mut search = Search::new(&start, &train, &holdout, &Criteria::USUAL, &Silent).unwrap();
         let with = [
             part("quadratic_drag", &[("coefficient", 0.1)]),
             part("cable_chain", &[("stiffness", 1.0)]),
@@ -310,12 +295,14 @@ pub(super) mod tests {
         ];
         let four =
             with.into_iter().fold(start.with(hidden[0].clone()), |four, part| four.with(part));
-        search.take(fit(&four, &train, Sides::BOTH, FitBudget::KEPT).unwrap()).unwrap();
+        let fitted = fit(&four, &train, Sides::BOTH, FitBudget::KEPT).unwrap();
+        search.best = search.judged(fitted).unwrap();
         search.runners_up.resize(4, Vec::new());
         assert!(search.is_full());
-        search.conclude().unwrap();
+        assert!(search.exchange().unwrap());
+        search.run().unwrap();
         let mut names: Vec<&str> =
-            search.best.hypothesis.effects.iter().map(|part| part.descriptor.name).collect();
+            search.found().effects.iter().map(|part| part.descriptor.name).collect();
         names.sort_unstable();
         assert_eq!(names, ["cogging", "constant_force"]);
     }

@@ -8,12 +8,9 @@
 
 use crate::closed_loop::{LinearController, controller_of};
 use crate::error::IdentifyError;
-use crate::fit::{FitBudget, Fitted, fit};
+use crate::fit::Fitted;
 use crate::hypothesis::{Hypothesis, Sides};
 use crate::record::measured::{Floor, Measured};
-
-use super::errors::errors;
-use super::selection::Errors;
 
 /// Both records as a hypothesis alone would have made them.
 pub(super) struct NullRecords {
@@ -62,23 +59,6 @@ impl NullRecords {
         let there = fitted.hypothesis.in_record(&self.holdout)?;
         Ok(fitted.left_open(&self.train, &there, &self.holdout, Sides::BOTH)?.sqrt())
     }
-
-    /// Fall of the mean squares of train and hold-out from one hypothesis to another where the
-    /// first is all there is, N^2.
-    pub(super) fn gains(
-        &self,
-        without: &Hypothesis,
-        with: &Hypothesis,
-        sides: Sides,
-    ) -> Result<(f64, f64), IdentifyError> {
-        let left = |hypothesis: &Hypothesis| -> Result<Errors, IdentifyError> {
-            let fitted = fit(hypothesis, &self.train, sides, FitBudget::COMPARED)?;
-            errors(&fitted.hypothesis, &self.train, &self.holdout)
-        };
-        let (without, with) = rayon::join(|| left(without), || left(with));
-        let (without, with) = (without?, with?);
-        Ok((without.train() - with.train(), without.holdout() - with.holdout()))
-    }
 }
 
 /// The controller of the train record, where both show that it is one.
@@ -92,6 +72,7 @@ mod tests {
     use friction_stage_core::model::StageModel;
 
     use super::*;
+    use crate::fit::{FitBudget, fit};
     use crate::hypothesis::Tolerances;
     use crate::test_records::recording;
 

@@ -1,38 +1,50 @@
-//! Rounds of candidates: each law proposes itself from the residual and is fitted with everything
-//! that was found before.
+//! Rounds of candidates: each law proposes itself from the residual and is fitted beside everything
+//! that was found before; those that come close to the strongest are fitted with everything else.
 
-use std::mem;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::prelude::*;
 
 use crate::error::IdentifyError;
-use crate::fit::{FitBudget, Fitted, fit};
+use crate::fit::{FitBudget, Fitted, fit, race};
 use crate::hypothesis::{Hypothesis, Part, Sides};
 use friction_stage_core::plant::effects::{ALL, CommandStage, Multiplicity, ParameterKind, Role};
-use friction_stage_core::plant::{EffectDescriptor, Side};
+use friction_stage_core::plant::{EffectDescriptor, Residual, Side};
 
 use super::columns::Columns;
-use super::different_guides::with_different_guides;
-use super::forms::{Forms, starts};
-use super::gain::{HALF_OF_THE_REST, RIVAL, SIMPLER};
-use super::selection::{Errors, Evidence, Inseparable, Outcome};
-use super::state::{
-    MOST_OF_ONE, Search, by_chance, correlation_of_taken, errors, errors_on, gain_elsewhere,
-};
+use super::forms::{WITHIN, best_of, starts};
+use super::score::{Judged, errors};
+use super::selection::{Evidence, Outcome};
+use super::state::{MOST_OF_ONE, Search, by_chance, gain_elsewhere};
 
-/// Share of what laws have taken out of the hold-out below which the next one may be what they
-/// leave in other forms. Assumed.
-const SMALL_REST: f64 = 0.05;
 /// Part by which the periods of guides of one type differ at most. Assumed.
 const OF_ONE_TYPE: f64 = 0.1;
+/// Part of the strongest candidate's fall from which on another one is fitted with everything else,
+/// and how many are at most.
+const COMES_CLOSE: f64 = 0.5;
+const MOST_FITTED: usize = 3;
+/// Part of the fall of the strongest candidate that the first steps of another one must bring for it
+/// to be fitted further.
+const SHOWS_EARLY: f64 = 0.25;
+/// Part of the share that counts as equal: which of two laws is named must not depend on the last
+/// digits.
+const SAME: f64 = 0.05;
 
-/// A candidate of a round as it was fitted.
+/// A candidate of a round as it was fitted, with the guides held.
 pub(super) struct Candidate {
     pub one: Evidence,
     pub with: Hypothesis,
-    /// Fits of all its forms.
+    /// Fits of its forms, the best first.
     forms: Vec<Fitted>,
+}
+
+/// The first steps of a candidate.
+struct Glance {
+    law: &'static EffectDescriptor,
+    sides: Sides,
+    forms: Vec<Fitted>,
+    /// Fall of the score of the train record.
+    fall: f64,
 }
 
 impl Search<'_> {
@@ -45,151 +57,148 @@ impl Search<'_> {
         Ok(added)
     }
 
-    /// One round: the candidate that explains most is added, if any explains enough.
+    /// One round: the best candidate is added, if any explains enough.
     fn add_one(&mut self) -> Result<bool, IdentifyError> {
-        // As far as the fit of a candidate goes: what that brings would pass for the candidate.
-        self.go_on_fitting(FitBudget::COMPARED)?;
         let mut tried = self.try_all(self.rounds)?;
         self.rounds += 1;
         if self.watch.stopped() {
             self.stopped = true;
             return Ok(false);
         }
-        let search = &*self;
-        tried.par_iter_mut().try_for_each(|Candidate { one, with, .. }| {
-            if !search.is_enough(one)
-                || !search.shows_without_cell(
-                    (&search.best.hypothesis, &search.best_errors),
-                    (with, &one.errors),
-                )?
-                || !search.is_more_than_noise(one, with)?
-            {
-                one.outcome = Outcome::TooSmall;
+        let fitted = self.fitted_with_everything(&tried)?;
+        for (place, judged) in &fitted {
+            let fall = self.best.score.fall_to(&judged.score);
+            let one = &mut tried[*place].one;
+            if judged.errors.train() > one.errors.train() {
+                continue;
             }
-            Ok::<_, IdentifyError>(())
-        })?;
-        let strongest = tried
-            .iter()
-            .map(|tried| &tried.one)
-            .find(|one| one.outcome != Outcome::TooSmall)
-            .map(|one| one.holdout_gain);
-        let Some(strongest) = strongest else {
-            let found = self.add_beside_other_forms(&mut tried)?;
+            one.errors = judged.errors;
+            one.train_gain = self.best.errors.train() - judged.errors.train();
+            one.holdout_gain = self.best.errors.holdout() - judged.errors.holdout();
+            one.fall = fall;
+            one.outcome = match self.needs(judged, &self.best) {
+                true => Outcome::Beaten,
+                false => Outcome::TooSmall,
+            };
+        }
+        let enough = fitted.into_iter().filter(|(_, judged)| self.needs(judged, &self.best));
+        let best =
+            enough.reduce(
+                |best, other| {
+                    if self.is_preferred(&other, &best, &tried) { other } else { best }
+                },
+            );
+        let Some((place, judged)) = best else {
             self.evidence.extend(tried.into_iter().map(|tried| tried.one));
-            return Ok(found);
+            return Ok(false);
         };
-        if self.is_small_rest(strongest) && self.choose_forms_once()? {
-            // Beside these the round is another one.
-            self.rounds -= 1;
-            return Ok(true);
-        }
-        let winner = winner(&tried, strongest);
-        if let Some((one, with)) = self.in_best_form(&tried[winner])? {
-            tried[winner] = Candidate { one, with, forms: Vec::new() };
-        }
-        let winner = tried.remove(winner);
-        self.name_rivals(&winner, &mut tried)?;
-        self.adopt(winner, tried)?;
+        let winner = tried.remove(place);
+        self.adopt(winner, judged, tried);
         Ok(true)
     }
 
-    /// Those that the data do not tell from the winner of a round: as much of a gain with no more
-    /// parameters.
-    fn name_rivals(
-        &mut self,
-        winner: &Candidate,
-        others: &mut [Candidate],
-    ) -> Result<(), IdentifyError> {
-        let gain = winner.one.holdout_gain;
-        let missing_with = |with: &Hypothesis| with.missing(self.train, Sides::BOTH);
-        for Candidate { one, with, .. } in others {
-            let closeness = (one.holdout_gain / gain).min(gain / one.holdout_gain);
-            if one.outcome == Outcome::Beaten && closeness >= RIVAL && one.free <= winner.one.free {
-                one.outcome = Outcome::Equal;
-                let correlation = correlation_of_taken(
-                    &self.best.missing,
-                    &missing_with(&winner.with)?,
-                    &missing_with(with)?,
-                );
-                self.inseparable.push(Inseparable {
-                    effect: winner.one.name,
-                    rival: one.name,
-                    correlation,
-                });
+    /// Whether a candidate is to be added rather than another one: the simpler one unless the other
+    /// is better by enough, of as many parameters the better one, of equals what acts.
+    fn is_preferred(
+        &self,
+        (one_place, one): &(usize, Judged),
+        (other_place, other): &(usize, Judged),
+        tried: &[Candidate],
+    ) -> bool {
+        let order = |place: usize| {
+            let one = &tried[place].one;
+            (
+                self.is_unproven(&one.part),
+                one.side == Side::Sensor,
+                ALL.iter().position(|listed| listed.name == one.name),
+            )
+        };
+        match one.free().cmp(&other.free()) {
+            std::cmp::Ordering::Less => !self.needs(other, one),
+            std::cmp::Ordering::Greater => self.needs(one, other),
+            std::cmp::Ordering::Equal => {
+                let better = other.score.both() - one.score.both();
+                match better.abs() < SAME * self.criteria.fall {
+                    true => order(*one_place) < order(*other_place),
+                    false => better > 0.0,
+                }
             }
         }
-        Ok(())
+    }
+
+    /// The strongest candidates fitted with everything that may move, each in its best form.
+    fn fitted_with_everything(
+        &self,
+        tried: &[Candidate],
+    ) -> Result<Vec<(usize, Judged)>, IdentifyError> {
+        let is_enough = |tried: &&Candidate| tried.one.outcome != Outcome::TooSmall;
+        let strongest =
+            tried.iter().filter(is_enough).map(|tried| tried.one.fall).fold(0.0, f64::max);
+        let mut close: Vec<usize> = (0..tried.len())
+            .filter(|place| {
+                is_enough(&&tried[*place]) && tried[*place].one.fall >= COMES_CLOSE * strongest
+            })
+            .collect();
+        close.sort_by(|a, b| tried[*b].one.fall.total_cmp(&tried[*a].one.fall));
+        close.truncate(MOST_FITTED);
+        let close_errors = close.clone().into_iter().map(|place| tried[place].one.errors);
+        let mut starts: Vec<(usize, Hypothesis)> = Vec::new();
+        for place in close.iter().copied() {
+            let Candidate { with, forms, .. } = &tried[place];
+            let forms = forms.iter().map(|form| &form.hypothesis);
+            // What came together has no other form.
+            let forms: Vec<&Hypothesis> = if with.effects.len() > self.found().effects.len() + 1 {
+                vec![with]
+            } else {
+                forms.collect()
+            };
+            for form in forms {
+                let free = form.holding_guides(false);
+                starts.extend(free.different_guides().map(|afresh| (place, afresh)));
+                if !free.guides_are_alike() || free.different_guides().is_none() {
+                    starts.push((place, free));
+                }
+            }
+        }
+        let hypotheses: Vec<Hypothesis> = starts.iter().map(|(_, start)| start.clone()).collect();
+        let left = close_errors.map(|errors| errors.train()).fold(f64::INFINITY, f64::min);
+        let effort = self.on_the_way(left);
+        let fitted = race(&hypotheses, self.train, Sides::BOTH, effort, WITHIN);
+        let places = starts.iter().map(|(place, _)| *place);
+        let fitted: Vec<(usize, Fitted)> =
+            places.zip(fitted).filter_map(|(place, fitted)| Some((place, fitted.ok()?))).collect();
+        // Given up on the way, or fitted to less: they are no answer.
+        let least = fitted.iter().map(|(_, one)| one.squares()).fold(f64::INFINITY, f64::min);
+        let worth = WITHIN * (least + self.criteria.blur_of_carriage * self.noise_squares());
+        fitted
+            .into_par_iter()
+            .filter(|(_, one)| one.squares() <= worth)
+            .map(|(place, fitted)| Ok((place, self.judged(fitted)?)))
+            .collect()
     }
 
     /// The winner of a round is there from now on, and the round stands in the evidence.
-    fn adopt(&mut self, winner: Candidate, others: Vec<Candidate>) -> Result<(), IdentifyError> {
+    fn adopt(&mut self, winner: Candidate, judged: Judged, others: Vec<Candidate>) {
         let one = Evidence { outcome: Outcome::Chosen, ..winner.one };
-        let chosen = winner.with.holding_guides(false);
-        let added = &chosen.effects[self.best.hypothesis.effects.len()..];
+        let added = &judged.fitted.hypothesis.effects[self.found().effects.len()..];
         let left_by_others: Vec<(&'static str, f64)> = others
             .iter()
             .map(|other| (other.one.name, other.one.errors.holdout().sqrt()))
             .collect();
         self.runners_up.extend(added.iter().map(|_| left_by_others.clone()));
         // Ripples that came together are each a row, with what all of them do.
-        let together = added.iter().filter(|part| **part != one.part);
         let together: Vec<Evidence> =
-            together.map(|part| Evidence { part: part.clone(), ..one.clone() }).collect();
-        let effort = self.on_the_way(&one.errors);
+            added[1..].iter().map(|part| Evidence { part: part.clone(), ..one.clone() }).collect();
         self.evidence.push(one);
         self.evidence.extend(others.into_iter().map(|other| other.one).chain(together));
-        self.take(with_different_guides(&chosen, self.train, effort)?)
-    }
-
-    /// Whether what a law would take out is little of what those before it have: it may be what
-    /// these leave in forms that are not right.
-    fn is_small_rest(&self, gain: f64) -> bool {
-        gain < SMALL_REST * (self.errors_before.holdout() - self.best_errors.holdout())
-    }
-
-    /// A law that takes half of what is left out of the train record and nothing out of the
-    /// hold-out may be right beside laws in forms that are not: adds the strongest of these where
-    /// it is worth it once the forms are chosen again beside it. Whether it was.
-    fn add_beside_other_forms(&mut self, tried: &mut [Candidate]) -> Result<bool, IdentifyError> {
-        let half =
-            HALF_OF_THE_REST * (self.best_errors.train() - self.floors.train.total().powi(2));
-        let strong = |one: &Evidence| one.train_gain >= self.least_on_train(one).max(half);
-        let strong = tried.iter_mut().filter(|tried| strong(&tried.one));
-        let Some(Candidate { one, with, .. }) =
-            strong.max_by(|a, b| a.one.train_gain.total_cmp(&b.one.train_gain))
-        else {
-            return Ok(false);
-        };
-        let effort = self.on_the_way(&one.errors);
-        let without = (self.best.clone(), self.best_errors);
-        self.take(with_different_guides(&with.holding_guides(false), self.train, effort)?)?;
-        let changed = self.choose_forms_again()?;
-        let with = mem::replace(&mut self.best, without.0);
-        let errors = mem::replace(&mut self.best_errors, without.1);
-        let Some(part) = with.hypothesis.effects.last().cloned() else { return Ok(false) };
-        let found = self.evidence_of(one.round, part, one.side, 1, &with.hypothesis, errors)?;
-        let best = (&self.best.hypothesis, &self.best_errors);
-        if !changed
-            || !self.is_enough(&found)
-            || !self.shows_without_cell(best, (&with.hypothesis, &errors))?
-        {
-            return Ok(false);
-        }
-        *one = Evidence { outcome: Outcome::Chosen, ..found };
-        let others =
-            tried.iter().map(|tried| &tried.one).filter(|other| other.outcome != Outcome::Chosen);
-        let others = others.map(|other| (other.name, other.errors.holdout().sqrt())).collect();
-        self.runners_up.push(others);
-        (self.best, self.best_errors) = (with, errors);
-        Ok(true)
+        self.best = judged;
     }
 
     /// Every candidate beside what was found, refitted, the best on the hold-out first.
     fn try_all(&self, round: usize) -> Result<Vec<Candidate>, IdentifyError> {
-        let columns = Columns::new(&self.best.hypothesis, self.train)?;
-        let there = |name: &str| {
-            self.best.hypothesis.effects.iter().any(|part| part.descriptor.name == name)
-        };
+        let columns = Columns::new(&self.found(), self.train)?;
+        let there =
+            |name: &str| self.found().effects.iter().any(|part| part.descriptor.name == name);
         let may_be_added = |law: &&EffectDescriptor| {
             let added = self.added_of(law.name);
             law.proposal.is_some()
@@ -201,69 +210,88 @@ impl Search<'_> {
         let candidates: Vec<&'static EffectDescriptor> =
             ALL.iter().copied().filter(may_be_added).collect();
         let done = AtomicUsize::new(0);
-        let tried: Vec<Option<Candidate>> = candidates
-            .par_iter()
-            .map(|descriptor| {
-                if self.watch.stopped() {
-                    return Ok(None);
-                }
-                let share = done.fetch_add(1, Ordering::Relaxed) as f64 / candidates.len() as f64;
-                let what = format!("round {}: {}", round + 1, descriptor.name);
-                self.watch.progress(&what, ((round as f64 + share) / 3.0).min(0.85));
-                self.try_one(round, descriptor, &columns)
-            })
-            .collect::<Result<_, IdentifyError>>()?;
-        let mut tried: Vec<Candidate> = tried.into_iter().flatten().collect();
-        tried.sort_by(|a, b| b.one.holdout_gain.total_cmp(&a.one.holdout_gain));
-        Ok(tried)
-    }
-
-    /// A candidate in the form that is best with the guides fitted again; `None` where there is no
-    /// other, or it does not explain enough.
-    fn in_best_form(
-        &self,
-        tried: &Candidate,
-    ) -> Result<Option<(Evidence, Hypothesis)>, IdentifyError> {
-        if tried.forms.len() < 2 {
-            return Ok(None);
-        }
-        let sides = self.sides_beside(&tried.one.part);
-        let Some(best) = self.best_form(tried.forms.clone(), sides, Forms::Thorough) else {
-            return Ok(None);
+        let tell = |what: &str, law: &EffectDescriptor, of: usize| {
+            let share = done.fetch_add(1, Ordering::Relaxed) as f64 / of as f64;
+            let line = format!("round {}: {what}{}", round + 1, law.name);
+            self.watch.progress(&line, ((round as f64 + share) / 3.0).min(0.85));
         };
-        let found = self.as_fitted(tried.one.round, best)?;
-        Ok(found.filter(|(one, _)| self.is_enough(one)))
-    }
-
-    /// One candidate on the side where it explains most; `None` where it proposes nothing.
-    fn try_one(
-        &self,
-        round: usize,
-        descriptor: &'static EffectDescriptor,
-        columns: &Columns,
-    ) -> Result<Option<Candidate>, IdentifyError> {
-        // Differences between the guides stay as they are while candidates are tried: the joint
-        // refit moves them.
-        let held = self.best.hypothesis.holding_guides(true);
-        let mut best: Option<Candidate> = None;
-        for on_motor in looks(descriptor.role, self.has_cell()) {
-            let Some(values) = descriptor.propose(&columns.residual(*on_motor)) else { continue };
-            let part = Part { descriptor, values };
-            let sides = self.sides_beside(&part);
-            let starts: Vec<_> =
-                starts(&part, self.train).into_iter().map(|part| held.with(part)).collect();
-            let effort = FitBudget::COMPARED.gain_below(self.gain_on_train(sides));
-            let forms = self.fitted_forms(&starts, sides, effort);
-            let Some(fitted) = self.best_form(forms.clone(), sides, Forms::Quick) else { continue };
-            let Some((mut one, mut with)) = self.as_fitted(round, fitted)? else { continue };
-            if descriptor.multiplicity == Multiplicity::OnePerGuide {
-                (one, with) = self.of_all_guides(one, with)?;
+        let glances = candidates
+            .par_iter()
+            .flat_map_iter(|law| {
+                looks(law.role, self.has_cell()).iter().map(move |look| (*law, *look))
+            })
+            .filter_map(|(law, on_motor)| {
+                tell("", law, 4 * candidates.len());
+                self.glance(law, &columns.residual(on_motor)).transpose()
+            });
+        let glances = glances.collect::<Result<Vec<Glance>, IdentifyError>>()?;
+        let falls = glances.iter().map(|glance| glance.fall);
+        let strongest = falls.fold(self.asked(self.found()), f64::max);
+        let tried = glances.into_par_iter().map(|glance| {
+            tell("", glance.law, 4 * candidates.len());
+            match glance.fall >= SHOWS_EARLY * strongest {
+                true => self.looked_at(round, glance),
+                false => Ok(None),
             }
-            if best.as_ref().is_none_or(|best| one.holdout_gain >= best.one.holdout_gain) {
-                best = Some(Candidate { one, with, forms });
+        });
+        let tried = tried.collect::<Result<Vec<_>, IdentifyError>>()?;
+        // Each on the side where it explains most.
+        let mut best: Vec<Candidate> = Vec::new();
+        for one in tried.into_iter().flatten() {
+            match best.iter_mut().find(|other| other.one.name == one.one.name) {
+                Some(other) if one.one.fall >= other.one.fall => *other = one,
+                Some(_) => {}
+                None => best.push(one),
             }
         }
+        best.sort_by(|a, b| b.one.fall.total_cmp(&a.one.fall));
         Ok(best)
+    }
+
+    /// The first steps of a candidate in each of its forms; `None` where it proposes nothing.
+    fn glance(
+        &self,
+        law: &'static EffectDescriptor,
+        residual: &Residual,
+    ) -> Result<Option<Glance>, IdentifyError> {
+        if self.watch.stopped() {
+            return Ok(None);
+        }
+        let Some(values) = law.propose(residual) else { return Ok(None) };
+        let part = Part { descriptor: law, values };
+        let sides = self.sides_beside(&part);
+        // Differences between the guides are as they are while candidates are tried: the joint
+        // refit moves them.
+        let held = self.found().holding_guides(true);
+        let starts: Vec<_> =
+            starts(&part, self.train).into_iter().map(|part| held.with(part)).collect();
+        let effort = FitBudget::GLANCE.gain_below(self.worth_on_train(sides));
+        let forms = best_of(race(&starts, self.train, sides, effort, 2.0 * WITHIN), usize::MAX);
+        let Some(first) = forms.first() else { return Ok(None) };
+        let (motor, carriage) = first.missing.squares();
+        let mut errors = self.best.errors;
+        if sides.motor && self.has_cell() {
+            errors.train_motor = motor;
+        }
+        if sides.carriage {
+            errors.train_carriage = carriage;
+        }
+        let fall = self.best.score.train - self.quick_score(&errors).train;
+        Ok(Some(Glance { law, sides, forms, fall }))
+    }
+
+    /// A candidate whose first steps have shown enough.
+    fn looked_at(&self, round: usize, glance: Glance) -> Result<Option<Candidate>, IdentifyError> {
+        let Glance { law, sides, forms, .. } = glance;
+        let starts: Vec<Hypothesis> = forms.into_iter().map(|form| form.hypothesis).collect();
+        let effort = FitBudget::COMPARED.gain_below(self.worth_on_train(sides));
+        let forms = best_of(race(&starts, self.train, sides, effort, WITHIN), MOST_FITTED);
+        let Some(fitted) = forms.first() else { return Ok(None) };
+        let one = self.candidate(round, 1, fitted.hypothesis.clone(), forms.clone())?;
+        Ok(Some(match law.multiplicity {
+            Multiplicity::OnePerGuide => self.of_all_guides(one)?,
+            _ => one,
+        }))
     }
 
     /// Sides that the fit of a candidate looks at.
@@ -271,66 +299,74 @@ impl Search<'_> {
         if is_late(part.role()) { Sides::BOTH } else { self.sides_of(part.side()) }
     }
 
-    /// A fit whose last effect is a candidate.
-    fn as_fitted(
+    /// A candidate that adds the last `count` effects of a hypothesis, all of the same law.
+    pub(super) fn candidate(
         &self,
         round: usize,
-        fitted: Fitted,
-    ) -> Result<Option<(Evidence, Hypothesis)>, IdentifyError> {
-        let with = fitted.hypothesis;
-        let Some(part) = with.effects.last().cloned() else { return Ok(None) };
-        let (side, found) = (part.side(), errors(&with, self.train, self.holdout)?);
-        Ok(Some((self.evidence_of(round, part, side, 1, &with, found)?, with)))
-    }
-
-    /// Evidence of a candidate that adds the last `count` effects of a hypothesis, all of the same
-    /// law.
-    pub(super) fn evidence_of(
-        &self,
-        round: usize,
-        part: Part,
-        side: Side,
         count: usize,
-        hypothesis: &Hypothesis,
-        errors: Errors,
-    ) -> Result<Evidence, IdentifyError> {
-        let free = hypothesis.effects.iter().rev().take(count).map(Part::free).sum();
-        let missing = hypothesis.missing(self.train, Sides::BOTH)?;
-        let last = hypothesis.effects.len();
-        let bare =
-            (last - count..last).rev().fold(hypothesis.clone(), |bare, index| bare.without(index));
-        Ok(Evidence {
+        with: Hypothesis,
+        forms: Vec<Fitted>,
+    ) -> Result<Candidate, IdentifyError> {
+        let first = with.effects.len() - count;
+        let part = with.effects[first].clone();
+        let free = with.effects[first..].iter().map(Part::free).sum();
+        let errors = errors(&with, self.train, self.holdout)?;
+        let score = self.quick_score(&errors);
+        let fall = self.best.score.fall_to(&score);
+        let mut one = Evidence {
             round,
             name: part.descriptor.name,
-            side,
+            side: part.side(),
             free,
             part,
             errors,
-            train_gain: self.best_errors.train() - errors.train(),
-            holdout_gain: self.best_errors.holdout() - errors.holdout(),
-            train_gain_elsewhere: gain_elsewhere(&self.best.missing, &missing),
-            holdout_gain_alone: errors_on(&bare, self.holdout)? - errors.holdout(),
-            chance: by_chance(&self.best.missing, &missing, free),
-            outcome: Outcome::Beaten,
-        })
+            train_gain: self.best.errors.train() - errors.train(),
+            holdout_gain: self.best.errors.holdout() - errors.holdout(),
+            fall,
+            outcome: Outcome::TooSmall,
+        };
+        if fall >= self.asked(&with) && self.shows_by_itself(&one, &with, count)? {
+            one.outcome = Outcome::Beaten;
+        }
+        Ok(Candidate { one, with, forms })
+    }
+
+    /// Whether what a candidate takes out is more than as many parameters take by chance, in more
+    /// than one place of the train record, and is there in the hold-out with everything else as it
+    /// is beside it. A bump that is as narrow as can be, at the place where the stage rested once,
+    /// takes out whatever was missing during that rest, and lets the guides go where they fit the
+    /// hold-out better.
+    fn shows_by_itself(
+        &self,
+        one: &Evidence,
+        with: &Hypothesis,
+        count: usize,
+    ) -> Result<bool, IdentifyError> {
+        let missing = with.missing(self.train, Sides::BOTH)?;
+        let before = &self.best.fitted.missing;
+        let chance = by_chance(before, &missing, one.free);
+        let mut bare = with.clone();
+        bare.effects.truncate(with.effects.len() - count);
+        let bare = self.quick_score(&errors(&bare, self.train, self.holdout)?);
+        Ok(one.train_gain >= chance
+            && gain_elsewhere(before, &missing) >= chance
+            && bare.holdout - self.quick_score(&one.errors).holdout >= self.asked(with)
+            && self.shows_without_cell((self.found(), &self.best.errors), (with, &one.errors))?)
     }
 
     /// Guides whose periods differ a little beat, and the ripple of one of them that fits the train
     /// record does not fit the hold-out. Where it is so, the fewest ripples at once that do, as far
     /// as effects may be added.
-    fn of_all_guides(
-        &self,
-        one: Evidence,
-        with: Hypothesis,
-    ) -> Result<(Evidence, Hypothesis), IdentifyError> {
-        if one.train_gain < self.least_on_train(&one)
-            || one.holdout_gain >= self.least_on_holdout(&one)
+    fn of_all_guides(&self, one: Candidate) -> Result<Candidate, IdentifyError> {
+        let left = self.quick_score(&one.one.errors);
+        if self.best.score.train - left.train < self.criteria.fall
+            || self.best.score.holdout - left.holdout >= self.criteria.fall
         {
-            return Ok((one, with));
+            return Ok(one);
         }
-        let (descriptor, round, side) = (one.part.descriptor, one.round, one.side);
-        let mut groups: Vec<(Evidence, Hypothesis)> = Vec::new();
-        let mut last = with.clone();
+        let (descriptor, round, side) = (one.one.part.descriptor, one.one.round, one.one.side);
+        let mut groups: Vec<Candidate> = Vec::new();
+        let mut last = one.with.clone();
         for count in 2..=MOST_OF_ONE - self.added_of(descriptor.name) {
             if self.watch.stopped() {
                 break;
@@ -345,19 +381,17 @@ impl Search<'_> {
                 break;
             };
             last = fitted.hypothesis;
-            let group = &last.effects[last.effects.len() - count..];
-            if !are_of_one_type(group) {
+            if !are_of_one_type(&last.effects[last.effects.len() - count..]) {
                 break;
             }
-            let found = errors(&last, self.train, self.holdout)?;
-            let evidence = self.evidence_of(round, group[0].clone(), side, count, &last, found)?;
-            if self.is_enough(&evidence) {
-                groups.push((evidence, last.clone()));
+            let group = self.candidate(round, count, last.clone(), Vec::new())?;
+            if group.one.outcome != Outcome::TooSmall {
+                groups.push(group);
             }
         }
-        let most = groups.iter().map(|(group, _)| group.holdout_gain).fold(0.0, f64::max);
-        let fewest = groups.into_iter().find(|(group, _)| group.holdout_gain >= SIMPLER * most);
-        Ok(fewest.unwrap_or((one, with)))
+        let most = groups.iter().map(|group| group.one.fall).fold(0.0, f64::max);
+        let enough = |group: &Candidate| group.one.fall >= most - self.criteria.fall;
+        Ok(groups.into_iter().find(enough).unwrap_or(one))
     }
 }
 
@@ -372,30 +406,6 @@ fn are_of_one_type(ripples: &[Part]) -> bool {
         ripples.iter().filter_map(|part| part.value_of_kind(ParameterKind::Period)).collect();
     let (shortest, longest) = friction_stage_core::numerics::range(&periods);
     periods.len() == ripples.len() && longest <= (1.0 + OF_ONE_TYPE) * shortest
-}
-
-/// The simplest law among those that explain about as much as the strongest, of several the one
-/// that explains most.
-fn winner(tried: &[Candidate], strongest: f64) -> usize {
-    let explains = |index: &usize| {
-        let one = &tried[*index].one;
-        one.outcome != Outcome::TooSmall && one.holdout_gain >= SIMPLER * strongest
-    };
-    let fewest = (0..tried.len()).filter(explains).map(|index| tried[index].one.free).min();
-    let simplest: Vec<usize> = (0..tried.len())
-        .filter(explains)
-        .filter(|index| Some(tried[*index].one.free) == fewest)
-        .collect();
-    let most = simplest.iter().map(|index| tried[*index].one.holdout_gain).fold(0.0, f64::max);
-    // Of equals first what acts, then what only reads wrong: the answer must not depend on the last
-    // digit.
-    let equals =
-        simplest.into_iter().filter(|index| tried[*index].one.holdout_gain >= RIVAL * most);
-    let order = |index: &usize| {
-        let one = &tried[*index].one;
-        (one.side == Side::Sensor, ALL.iter().position(|listed| listed.name == one.name))
-    };
-    equals.min_by_key(order).unwrap_or(0)
 }
 
 /// Residuals that a candidate looks at: on the motor side (true) or the carriage side (false). What
@@ -417,7 +427,8 @@ pub(super) mod tests {
     use super::*;
     use crate::hypothesis::Tolerances;
     use crate::record::measured::Measured;
-    use crate::search::{Silent, Verdict, search};
+    use crate::search::selection::Errors;
+    use crate::search::{Criteria, Silent, Verdict, search};
     use crate::test_records::recording;
     use friction_stage_core::model::StageModel;
 
@@ -440,9 +451,7 @@ pub(super) mod tests {
                 errors: Errors::default(),
                 train_gain: holdout_gain,
                 holdout_gain,
-                train_gain_elsewhere: holdout_gain,
-                holdout_gain_alone: holdout_gain,
-                chance: 0.0,
+                fall: 1.0,
                 outcome: Outcome::Beaten,
             };
             Candidate { one: evidence, with: hypothesis.clone(), forms: Vec::new() }
@@ -450,31 +459,41 @@ pub(super) mod tests {
         candidates.iter().map(one).collect()
     }
 
-    /// Of two laws, the stronger first.
+    /// Of two laws with their falls of the score, either way round.
     #[test]
     fn the_winner_is_simple_then_strong_then_one_that_acts() {
-        let cases = [
+        let model = StageModel::default();
+        let record =
+            |seed| Measured::new(&recording(&model, seed, 0.0, 2), &model, "the record").unwrap();
+        let (train, holdout) = (record(3), record(4));
+        let start = Hypothesis::new(&model, Tolerances::default()).unwrap();
+        let search = Search::new(&start, &train, &holdout, &Criteria::USUAL, &Silent).unwrap();
+        let fall = search.criteria.fall;
+        for (laws, falls, expected) in [
             // A simpler law wins if it explains about as much, and only then.
-            ([("stiction_aging", 3, 1.0), ("payload", 1, 0.98)], "payload"),
-            ([("stiction_aging", 3, 1.0), ("payload", 1, 0.96)], "stiction_aging"),
+            (["stiction_aging", "payload"], [3.0, 3.0 - 0.8 * fall], "payload"),
+            (["stiction_aging", "payload"], [3.0, 3.0 - 1.2 * fall], "stiction_aging"),
             // Of laws that are as simple the one that explains more.
-            ([("payload", 1, 1.0), ("quadratic_drag", 1, 0.975)], "payload"),
-            ([("quadratic_drag", 1, 1.0), ("payload", 1, 0.975)], "quadratic_drag"),
+            (["payload", "quadratic_drag"], [3.0, 3.0 - 0.5 * fall], "payload"),
+            (["quadratic_drag", "payload"], [3.0, 3.0 - 0.5 * fall], "quadratic_drag"),
             // Of equals one that acts before one that reads wrong.
-            ([("encoder_scale", 1, 1.0), ("payload", 1, 0.999)], "payload"),
-            ([("payload", 1, 1.0), ("encoder_scale", 1, 0.999)], "payload"),
-        ];
-        for (candidates, expected) in cases {
-            let tried = tried(&candidates);
-            assert_eq!(tried[winner(&tried, candidates[0].2)].one.name, expected, "{candidates:?}");
+            (["encoder_scale", "payload"], [3.0, 3.0 - 1e-3 * fall], "payload"),
+            (["payload", "encoder_scale"], [3.0, 3.0 - 1e-3 * fall], "payload"),
+        ] {
+            let candidates = tried(&laws.map(|law| (law, 1, 1.0)));
+            let judged = |place: usize| {
+                let mut judged = search.best.clone();
+                judged.fitted.hypothesis = start.with(candidates[place].one.part.clone());
+                judged.score.train -= falls[place];
+                judged.score.holdout -= falls[place];
+                (place, judged)
+            };
+            for (one, other) in [(0, 1), (1, 0)] {
+                let is_one = search.is_preferred(&judged(one), &judged(other), &candidates);
+                let preferred = if is_one { one } else { other };
+                assert_eq!(laws[preferred], expected, "{laws:?} {falls:?}");
+            }
         }
-    }
-
-    #[test]
-    fn what_explains_too_little_never_wins() {
-        let mut tried = tried(&[("cable_chain", 2, 1.0), ("payload", 1, 0.999)]);
-        tried[1].one.outcome = Outcome::TooSmall;
-        assert_eq!(tried[winner(&tried, 1.0)].one.name, "cable_chain");
     }
 
     /// Two guides whose ripples beat over 30 mm: one ripple that fits the first 20 mm does not fit

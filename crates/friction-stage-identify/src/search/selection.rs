@@ -56,13 +56,8 @@ pub struct Evidence {
     pub train_gain: f64,
     /// The same on the hold-out.
     pub holdout_gain: f64,
-    /// That of train without the tenth of the record that shows most of it, N^2.
-    pub train_gain_elsewhere: f64,
-    /// That of the hold-out by itself, with everything else as it is beside it, N^2.
-    pub holdout_gain_alone: f64,
-    /// Fall of the mean square of train that as many parameters would take out of what is left by
-    /// chance, N^2.
-    pub chance: f64,
+    /// Fall of the score that it brings, on the record on which that is less.
+    pub fall: f64,
     /// What became of it.
     pub outcome: Outcome,
 }

@@ -6,14 +6,16 @@ use crate::hypothesis::{Hypothesis, Part, Sides};
 use crate::residual::slipping;
 use friction_stage_core::plant::Side;
 
-use super::different_guides::with_different_guides;
-use super::gain::{HALF_OF_THE_REST, LEAST_SHARE, SIMPLER};
+use super::score::errors;
 use super::selection::{Evidence, Outcome};
-use super::state::{MOST_OF_ONE, Search, by_chance, errors, errors_on, gain_elsewhere};
+use super::state::{MOST_OF_ONE, Search, by_chance, with_different_guides};
 
 /// Slips of balls that are tried, rad/sqrt(m): from one that hardly shows within a record to one
 /// that turns the phase within a few strokes.
 const SLIPS: [f64; 5] = [0.1, 0.25, 0.35, 0.5, 1.0];
+
+/// Part of the share that a larger one takes from which on a smaller slip does as well.
+const SMALLER_SLIP: f64 = 0.97;
 
 impl Search<'_> {
     /// Where more than noise is left: is it a ripple on the carriage whose phase each record has
@@ -21,13 +23,13 @@ impl Search<'_> {
     /// and after the curves. Whether one was found. Without a cell it cannot be distinguished from
     /// a ripple of the motor on a machine that was homed again.
     pub(super) fn let_balls_slip(&mut self) -> Result<bool, IdentifyError> {
-        if !self.has_cell() || self.is_noise(&self.best_errors) {
+        if !self.has_cell() || self.is_noise(&self.best.errors) {
             return Ok(false);
         }
         // What passed for one with a fixed phase, or for a curve, goes: this would be in their
         // place.
         let goes = |part: &Part| part.descriptor.is_curve() || slipping::may_slip(part.descriptor);
-        let mut with = self.best.hypothesis.holding_guides(true);
+        let mut with = self.found().holding_guides(true);
         for index in (self.declared_effects()..with.effects.len()).rev() {
             if goes(&with.effects[index]) {
                 with = with.without(index);
@@ -43,7 +45,7 @@ impl Search<'_> {
                 return Ok(false);
             }
             self.watch.progress(&format!("balls that slip, ripple {}", evidence.len() + 1), 0.93);
-            let Some((part, slip, share)) = self.slipping_ripple(&with, &slips)? else { break };
+            let Some((part, slip)) = self.slipping_ripple(&with, &slips)? else { break };
             // The guides are of one type.
             slips = vec![slip];
             let fitted = fit(
@@ -57,34 +59,23 @@ impl Search<'_> {
             let free = 1 + fitted.hypothesis.own_numbers(self.train).saturating_sub(before);
             let missing = fitted.hypothesis.missing(self.train, Sides::BOTH)?;
             let missing_before = with.missing(self.train, Sides::BOTH)?;
-            let mut one = Evidence {
+            let before = self.quick_score(&left);
+            let fall = before.fall_to(&self.quick_score(&found));
+            let gain = left.train() - found.train();
+            let is_enough =
+                fall >= self.criteria.fall && gain >= by_chance(&missing_before, &missing, free);
+            evidence.push(Evidence {
                 round: self.rounds + evidence.len(),
                 name: part.descriptor.name,
                 side: part.side(),
                 free,
                 part,
                 errors: found,
-                train_gain: left.train() - found.train(),
+                train_gain: gain,
                 holdout_gain: left.holdout() - found.holdout(),
-                train_gain_elsewhere: gain_elsewhere(&missing_before, &missing),
-                holdout_gain_alone: errors_on(
-                    &fitted.hypothesis.without(with.effects.len()),
-                    self.holdout,
-                )? - found.holdout(),
-                chance: by_chance(&missing_before, &missing, free),
-                outcome: Outcome::Chosen,
-            };
-            let least_of = |left: f64| {
-                (LEAST_SHARE * (left - self.floors.holdout.total().powi(2)))
-                    .max(self.threshold(Side::Carriage))
-            };
-            let is_enough = share >= LEAST_SHARE
-                && one.holdout_gain >= least_of(left.holdout())
-                && one.train_gain >= least_of(left.train()).max(one.chance);
-            if !is_enough {
-                one.outcome = Outcome::TooSmall;
-            }
-            evidence.push(one);
+                fall,
+                outcome: if is_enough { Outcome::Chosen } else { Outcome::TooSmall },
+            });
             if !is_enough {
                 break;
             }
@@ -93,34 +84,33 @@ impl Search<'_> {
         if with.effects.len() == others {
             return Ok(false);
         }
-        let fitted =
-            with_different_guides(&with.holding_guides(false), self.train, self.on_the_way(&left))?;
-        let found = errors(&fitted.hypothesis, self.train, self.holdout)?;
-        if self.beyond_noise(&found) > HALF_OF_THE_REST * self.beyond_noise(&self.best_errors) {
+        let effort = self.on_the_way(left.train());
+        let slipping = with_different_guides(&with.holding_guides(false), self.train, effort)?;
+        let slipping = self.judged(slipping)?;
+        if !self.needs(&slipping, &self.best) {
             return Ok(false);
         }
-        for index in (self.declared_effects()..self.best.hypothesis.effects.len()).rev() {
-            if goes(&self.best.hypothesis.effects[index]) {
+        for index in (self.declared_effects()..self.found().effects.len()).rev() {
+            if goes(&self.found().effects[index]) {
                 self.strike(index);
-                self.best.hypothesis = self.best.hypothesis.without(index);
+                self.best.fitted.hypothesis = self.found().without(index);
             }
         }
-        self.coordinate = None;
         self.rounds += evidence.len();
         self.evidence.extend(evidence);
-        self.runners_up.resize(fitted.hypothesis.effects.len(), Vec::new());
-        self.take(fitted)?;
+        self.best = slipping;
+        self.runners_up.resize(self.found().effects.len(), Vec::new());
         Ok(true)
     }
 
     /// The ripple with a phase of each record's own that takes most out of the hold-out along the
-    /// way, with the smallest of `slips` that does about as well, that, and the share it takes; its
-    /// period is that of the train record.
+    /// way, with the smallest of `slips` that does about as well, and that; its period is that of
+    /// the train record.
     fn slipping_ripple(
         &self,
         beside: &Hypothesis,
         slips: &[f64],
-    ) -> Result<Option<(Part, f64, f64)>, IdentifyError> {
+    ) -> Result<Option<(Part, f64)>, IdentifyError> {
         let train = beside.missing(self.train, Sides::CARRIAGE)?.carriage;
         let holdout =
             beside.in_record(self.holdout)?.missing(self.holdout, Sides::CARRIAGE)?.carriage;
@@ -131,11 +121,11 @@ impl Search<'_> {
             }
             let Some(part) = slipping::strongest(&train, self.train, *slip)? else { continue };
             let share = slipping::share_along_the_way(&holdout, self.holdout, &part);
-            if best.as_ref().is_none_or(|(.., best)| SIMPLER * share > *best) {
+            if best.as_ref().is_none_or(|(.., best)| SMALLER_SLIP * share > *best) {
                 best = Some((part, *slip, share));
             }
         }
-        Ok(best)
+        Ok(best.map(|(part, slip, _)| (part, slip)))
     }
 }
 

@@ -1,20 +1,19 @@
 //! Where a search stands: the best hypothesis so far with its errors, and how two hypotheses
 //! compare.
 
-use friction_stage_core::model::Coordinate;
 use friction_stage_core::plant::Side;
 
 use crate::closed_loop::LinearController;
 use crate::error::IdentifyError;
-use crate::fit::{FitBudget, Fitted, fit};
+use crate::fit::{FitBudget, Fitted, fit, race};
 use crate::hypothesis::{Hypothesis, Sides};
 use crate::record::measured::Measured;
 use crate::residual::missing::Missing;
 use friction_stage_core::numerics::correlation::correlation_length_along;
 
-use super::different_guides::with_different_guides;
-pub(super) use super::errors::{errors, errors_on};
+use super::criteria::Criteria;
 use super::nulls::{Floors, NullRecords, known_controller};
+use super::score::{Judged, Score, errors};
 use super::selection::{Errors, Evidence, Inseparable, Watch, different_laws};
 
 /// Most laws that are added.
@@ -31,27 +30,23 @@ pub(super) struct Search<'a> {
     pub(super) train: &'a Measured,
     pub(super) holdout: &'a Measured,
     pub(super) watch: &'a dyn Watch,
+    pub(super) criteria: Criteria,
     /// What is left on both records where there is nothing but the declared model.
     pub(super) floors: Floors,
     /// Of both records, where it is known.
     pub(super) controller: Option<LinearController>,
-    pub(super) before: Fitted,
-    pub(super) errors_before: Errors,
+    pub(super) before: Judged,
     /// Of the declared model within its tolerances, where stiffness and damping of the bristles are
     /// from the record.
     pub(super) errors_within_tolerance: Option<Errors>,
-    pub(super) best: Fitted,
-    pub(super) best_errors: Errors,
+    pub(super) best: Judged,
     /// Rounds in which candidates were tried.
     pub(super) rounds: usize,
     pub(super) evidence: Vec<Evidence>,
-    pub(super) coordinate: Option<Coordinate>,
     /// For each effect the other candidates of its round, the best first, with their held-out rms,
     /// N.
     pub(super) runners_up: Vec<Vec<(&'static str, f64)>>,
     pub(super) inseparable: Vec<Inseparable>,
-    /// Number of effects whose forms were chosen again before a further one was added.
-    pub(super) forms_chosen: usize,
     pub(super) stopped: bool,
 }
 
@@ -60,33 +55,40 @@ impl<'a> Search<'a> {
         declared: &Hypothesis,
         train: &'a Measured,
         holdout: &'a Measured,
+        criteria: &Criteria,
         watch: &'a dyn Watch,
     ) -> Result<Search<'a>, IdentifyError> {
         let alike = fit(declared, train, Sides::BOTH, FitBudget::COMPARED)?;
-        let before = with_different_guides(&alike.hypothesis, train, FitBudget::KEPT)?;
-        let errors_before = errors(&before.hypothesis, train, holdout)?;
+        let fitted = with_different_guides(&alike.hypothesis, train, FitBudget::KEPT)?;
         let controller = known_controller(train, holdout);
-        let floors = NullRecords::new(&before.hypothesis, train, holdout, controller.as_ref())?
-            .floors(&before.hypothesis)?;
-        Ok(Search {
+        let floors = NullRecords::new(&fitted.hypothesis, train, holdout, controller.as_ref())?
+            .floors(&fitted.hypothesis)?;
+        let errors = errors(&fitted.hypothesis, train, holdout)?;
+        let before = Judged { fitted, errors, score: Score::default() };
+        let mut search = Search {
             train,
             holdout,
             watch,
+            criteria: *criteria,
             floors,
             controller,
-            runners_up: vec![Vec::new(); before.hypothesis.effects.len()],
+            runners_up: vec![Vec::new(); before.fitted.hypothesis.effects.len()],
             best: before.clone(),
-            best_errors: errors_before,
             before,
-            errors_before,
             errors_within_tolerance: None,
             rounds: 0,
             evidence: Vec::new(),
-            coordinate: None,
             inseparable: Vec::new(),
-            forms_chosen: 0,
             stopped: false,
-        })
+        };
+        search.before.score = search.quick_score(&errors);
+        search.best = search.before.clone();
+        Ok(search)
+    }
+
+    /// What was found so far.
+    pub(super) fn found(&self) -> &Hypothesis {
+        &self.best.fitted.hypothesis
     }
 
     pub(super) fn has_cell(&self) -> bool {
@@ -95,12 +97,12 @@ impl<'a> Search<'a> {
 
     /// Effects that the model declares: they stand first.
     pub(super) fn declared_effects(&self) -> usize {
-        self.before.hypothesis.effects.len()
+        self.before.fitted.hypothesis.effects.len()
     }
 
     /// Effects of this name that were added.
     pub(super) fn added_of(&self, name: &str) -> usize {
-        self.best.hypothesis.effects[self.declared_effects()..]
+        self.found().effects[self.declared_effects()..]
             .iter()
             .filter(|part| part.descriptor.name == name)
             .count()
@@ -108,24 +110,18 @@ impl<'a> Search<'a> {
 
     /// Whether there are as many laws as may be.
     pub(super) fn is_full(&self) -> bool {
-        different_laws(&self.best.hypothesis.effects[self.declared_effects()..]) >= MOST_LAWS
+        different_laws(&self.found().effects[self.declared_effects()..]) >= MOST_LAWS
     }
 
-    pub(super) fn take(&mut self, best: Fitted) -> Result<(), IdentifyError> {
-        self.best_errors = errors(&best.hypothesis, self.train, self.holdout)?;
-        self.best = best;
-        Ok(())
-    }
-
-    /// Fits what was found further than was worth it on the way there.
+    /// Fits what was found further than was needed on the way there.
     pub(super) fn go_on_fitting(&mut self, effort: FitBudget) -> Result<(), IdentifyError> {
-        if self.best.hypothesis.effects.len() == self.declared_effects() {
+        if self.found().effects.len() == self.declared_effects() {
             return Ok(());
         }
-        let fitted = fit(&self.best.hypothesis, self.train, Sides::BOTH, effort)?;
+        let fitted = fit(self.found(), self.train, Sides::BOTH, effort)?;
         // A fit begins inside of all bounds, and may end elsewhere.
-        if fitted.squares() < self.best.squares() {
-            self.take(fitted)?;
+        if fitted.squares() < self.best.fitted.squares() {
+            self.best = self.judged(fitted)?;
         }
         Ok(())
     }
@@ -134,7 +130,7 @@ impl<'a> Search<'a> {
     /// sensor reads wrong moves with the fit of either side, and one side alone would bend it.
     pub(super) fn sides_of(&self, side: Side) -> Sides {
         let has_cell = self.has_cell();
-        let sensors = self.best.hypothesis.effects.iter().any(|part| part.side() == Side::Sensor);
+        let sensors = self.found().effects.iter().any(|part| part.side() == Side::Sensor);
         match side {
             _ if has_cell && sensors => Sides::BOTH,
             Side::Motor if has_cell => Sides::MOTOR,
@@ -194,4 +190,28 @@ pub(super) fn gain_elsewhere(before: &Missing, after: &Missing) -> f64 {
     let falls: Vec<f64> = (0..TENTHS).map(of_tenth).collect();
     (falls.iter().sum::<f64>() - falls.iter().copied().fold(f64::NEG_INFINITY, f64::max))
         / rows as f64
+}
+
+/// The fit with guides that differ from each other, from the differences that there are and afresh:
+/// the sum of the guides depends on the products of their differences, and what an effect not yet
+/// known biased them to is no good start. Guides that are all the same are none either: there no
+/// direction is better than its opposite.
+pub(super) fn with_different_guides(
+    start: &Hypothesis,
+    train: &Measured,
+    effort: FitBudget,
+) -> Result<Fitted, IdentifyError> {
+    let Some(afresh) = start.different_guides() else {
+        return Ok(fit(start, train, Sides::BOTH, effort)?);
+    };
+    if start.guides_are_alike() {
+        return Ok(fit(&afresh, train, Sides::BOTH, effort)?);
+    }
+    let fitted = race(&[start.holding_guides(false), afresh], train, Sides::BOTH, effort, 1.0);
+    let fitted = fitted.into_iter().collect::<Result<Vec<_>, _>>()?;
+    // Of equals the first one.
+    let best = fitted
+        .into_iter()
+        .reduce(|best, other| if other.squares() < best.squares() { other } else { best });
+    Ok(best.expect("two fits"))
 }

@@ -10,7 +10,7 @@ use friction_stage_core::model::{
 use friction_stage_core::numerics::rounded;
 use friction_stage_core::plant::effects::CURVE;
 use friction_stage_identify::{
-    Floor, Identification, IdentifyFinding, LoopError, Measured, Missing, NOISE_LIKE, Record,
+    Criteria, Floor, Identification, IdentifyFinding, LoopError, Measured, Missing, Record,
     Records, Sides, spectrum,
 };
 
@@ -134,7 +134,8 @@ impl Residuals<'_> {
         let worst = self.worst().map(|side| side.name);
         let misses = |side: &Side| {
             let squares: f64 = side.before.iter().map(|value| value * value).sum();
-            (squares / side.before.len().max(1) as f64).sqrt() > NOISE_LIKE * side.floor
+            (squares / side.before.len().max(1) as f64).sqrt()
+                > Criteria::USUAL.noise_like * side.floor
         };
         let mut sides = self.sides();
         sides.sort_by_key(|side| Some(side.name) != worst);

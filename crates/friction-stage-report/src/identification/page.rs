@@ -11,9 +11,9 @@ use crate::words::{
 use friction_stage_core::model::{CurveSide, JointType, StageModel};
 use friction_stage_core::plant::EffectDescriptor;
 use friction_stage_identify::{
-    Evidence, Hypothesis, Identification, Inseparable, LEFT_AT_MOST, NextExperiment,
-    NominalParameter, Outcome, Record, Records, Selection, Summary, SummaryFinding, Tolerances,
-    Verdict, in_digits, readable, side_name, taking_part,
+    Criteria, Evidence, Hypothesis, Identification, Inseparable, NextExperiment, NominalParameter,
+    Outcome, Record, Records, Selection, Summary, SummaryFinding, Tolerances, Verdict, in_digits,
+    readable, side_name, taking_part,
 };
 
 /// Finding that says where a residual sits.
@@ -231,7 +231,7 @@ fn verdict(page: &mut Page, selection: &Selection, summary: &Summary) {
             "of the held-out residual above the noise floor".to_owned(),
             if summary.effects.is_empty() {
                 Mark::Neutral
-            } else if summary.explained_share >= 1.0 - LEFT_AT_MOST {
+            } else if summary.explained_share >= 1.0 - Criteria::USUAL.left_at_most {
                 Mark::Good
             } else {
                 Mark::Warning

@@ -1,0 +1,396 @@
+//! Exchanges: with everything that was found, is each law needed, in this form, and not another one?
+
+use std::{mem, slice};
+
+use rayon::prelude::*;
+
+use crate::error::IdentifyError;
+use crate::fit::{FitBudget, race};
+use crate::hypothesis::{Hypothesis, Part, Sides};
+use friction_stage_core::plant::Side;
+
+use super::columns::Columns;
+use super::forms::{WITHIN, starts};
+use super::score::{Judged, errors};
+use super::selection::{Errors, Evidence, Inseparable, Outcome};
+use super::state::{Search, correlation_of_taken};
+
+/// Part of the gain of a law that another one must have had in its round to be tried in its place.
+const HALF_AS_GOOD: f64 = 0.5;
+/// Part of the fall that counts by which one form of a law must be better than another.
+const BETTER_FORM: f64 = 0.1;
+
+/// What stands in the place of a law.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum InPlace {
+    Nothing,
+    OtherForm,
+    /// The law of this row of the evidence.
+    Law(usize),
+}
+
+impl Search<'_> {
+    /// A law was added while effects that came later were still in the residual, and its form, its
+    /// values, or those of the others, stood for these: a spring with a far centre is a constant
+    /// force, a gain of the cell beside one of the motor is an encoder of another scale. Each one
+    /// is left out, put in its other forms, and exchanged for those that came close to it, with
+    /// everything else fitted again. Whether anything changed.
+    pub(super) fn exchange(&mut self) -> Result<bool, IdentifyError> {
+        let mut changed = false;
+        let mut index = self.declared_effects();
+        let known = mem::take(&mut self.inseparable);
+        while index < self.found().effects.len() && !self.watch.stopped() {
+            match self.exchange_one(index, &known)? {
+                Some(InPlace::Nothing) => changed = true,
+                Some(_) => (changed, index) = (true, index + 1),
+                None => index += 1,
+            }
+        }
+        Ok(changed)
+    }
+
+    fn exchange_one(
+        &mut self,
+        index: usize,
+        known: &[Inseparable],
+    ) -> Result<Option<InPlace>, IdentifyError> {
+        let label = self.found().label(index);
+        self.watch.progress(&format!("without {label}, and others in its place"), 0.95);
+        let row = self.row_of(index);
+        let judged = self.in_place_of(index, row, known)?;
+        if let Some((what, one)) = self.preferred(&judged) {
+            match what {
+                InPlace::Nothing => {
+                    self.strike(index);
+                    self.best = one;
+                }
+                InPlace::OtherForm => self.best = one,
+                InPlace::Law(row) => self.give_way(index, row, one),
+            }
+            return Ok(Some(what));
+        }
+        let bare = self.found().without(index);
+        for (what, one) in &judged {
+            let InPlace::Law(row) = what else { continue };
+            let alike = one.free() == self.best.free()
+                && !self.needs(one, &self.best)
+                && !self.needs(&self.best, one);
+            if !alike {
+                continue;
+            }
+            let without = bare.missing(self.train, Sides::BOTH)?;
+            let correlation =
+                correlation_of_taken(&without, &self.best.fitted.missing, &one.fitted.missing);
+            let (effect, rival) =
+                (self.found().effects[index].descriptor.name, self.evidence[*row].name);
+            self.evidence[*row].outcome = Outcome::Equal;
+            self.inseparable.push(Inseparable { effect, rival, correlation });
+        }
+        Ok(None)
+    }
+
+    /// The one of these that is to stand in the place of what was found: the simplest of which no
+    /// other is better by enough. `None` where that is what was found.
+    fn preferred(&self, others: &[(InPlace, Judged)]) -> Option<(InPlace, Judged)> {
+        let mut order: Vec<(Option<InPlace>, &Judged)> =
+            others.iter().map(|(what, one)| (Some(*what), one)).collect();
+        order.push((None, &self.best));
+        // Of as many parameters what was found comes first, and another law is better by enough or
+        // not at all; another form is the same law.
+        let is_stay = |what: Option<InPlace>| matches!(what, None | Some(InPlace::OtherForm));
+        order.sort_by(|(what, one), (other, two)| {
+            (one.free(), !is_stay(*what)).cmp(&(two.free(), !is_stay(*other))).then_with(|| {
+                let margin = |what: &Option<InPlace>| match what {
+                    None => BETTER_FORM * self.criteria.fall,
+                    _ => 0.0,
+                };
+                let left = |what, one: &Judged| one.score.both() - margin(what);
+                left(what, one).total_cmp(&left(other, two))
+            })
+        });
+        let best = order.into_iter().reduce(|best, other| {
+            let same = best.1.free() == other.1.free() && is_stay(best.0) && is_stay(other.0);
+            if !same && self.needs(other.1, best.1) { other } else { best }
+        });
+        best.and_then(|(what, one)| Some((what?, one.clone())))
+    }
+
+    /// What could stand in the place of an effect, fitted.
+    fn in_place_of(
+        &self,
+        index: usize,
+        row: Option<usize>,
+        known: &[Inseparable],
+    ) -> Result<Vec<(InPlace, Judged)>, IdentifyError> {
+        let bare = self.found().without(index);
+        let mut others: Vec<(InPlace, Hypothesis)> = Vec::new();
+        let mut judged: Vec<(InPlace, Judged)> = Vec::new();
+        match bare.effects.len() == self.declared_effects() {
+            true => judged.push((InPlace::Nothing, self.before.clone())),
+            false => others.push((InPlace::Nothing, bare.clone())),
+        }
+        let part = &self.found().effects[index];
+        if !part.descriptor.is_curve() && !part.slips() {
+            let columns = Columns::new(&bare, self.train)?;
+            let on_motor = part.side() == Side::Motor && self.has_cell();
+            let in_place = |part: Part| {
+                let mut other = self.found().clone();
+                other.effects[index] = part;
+                other
+            };
+            if self.room() > BETTER_FORM * self.criteria.fall
+                && let Some(values) = part.descriptor.propose(&columns.residual(on_motor))
+            {
+                let forms = starts(&Part { descriptor: part.descriptor, values }, self.train);
+                others.extend(forms.into_iter().map(|form| (InPlace::OtherForm, in_place(form))));
+            }
+            if let Some(chosen) = row.map(|row| &self.evidence[row]) {
+                for row in 0..self.evidence.len() {
+                    let one = &self.evidence[row];
+                    if !self.may_stand_for(chosen, one, &bare, known) {
+                        continue;
+                    }
+                    let descriptor = one.part.descriptor;
+                    let on_motor = one.side == Side::Motor && self.has_cell();
+                    // Beside what came later it may not show by itself.
+                    let values = descriptor
+                        .propose(&columns.residual(on_motor))
+                        .unwrap_or_else(|| one.part.values.clone());
+                    let forms = starts(&Part { descriptor, values }, self.train);
+                    others
+                        .extend(forms.into_iter().map(|form| (InPlace::Law(row), in_place(form))));
+                }
+            }
+        }
+        judged.extend(self.raced(others)?);
+        // A curve stands for what a law beside it has left: without that law it is another one.
+        if let Some(curve) = self.curve().filter(|curve| *curve != index) {
+            let without = bare.without(curve - usize::from(curve > index));
+            let left = errors(&without, self.train, self.holdout)?;
+            let drawn = self.with_curve(&without, &left, FitBudget::KEPT)?;
+            judged.extend(drawn.map(|drawn| (InPlace::Nothing, drawn)));
+        }
+        Ok(judged)
+    }
+
+    /// Fits of hypotheses in place of what was found, each with guides that differ as they do and
+    /// afresh, that come to about as little.
+    fn raced(
+        &self,
+        others: Vec<(InPlace, Hypothesis)>,
+    ) -> Result<Vec<(InPlace, Judged)>, IdentifyError> {
+        let worth = self.worth_in_place();
+        let with_guides = |one: &Hypothesis, effort: FitBudget| {
+            race(slice::from_ref(one), self.train, Sides::BOTH, effort, 1.0).remove(0)
+        };
+        let fitted = others.into_par_iter().filter_map(|(what, one)| {
+            // Values that do not go together are no law in place of another.
+            let quick = FitBudget::COMPARED.gain_below(2.0 * worth);
+            let mut best = with_guides(&one.holding_guides(false), quick).ok()?;
+            if best.squares() <= 2.0 * worth {
+                let effort = FitBudget::KEPT.gain_below(worth);
+                let begins = [Some(best.hypothesis.clone()), best.hypothesis.different_guides()];
+                for begin in begins.iter().flatten() {
+                    let further = with_guides(begin, effort).ok()?;
+                    if further.squares() < best.squares() {
+                        best = further;
+                    }
+                }
+            }
+            (best.squares() <= worth || what == InPlace::Nothing).then_some((what, best))
+        });
+        fitted
+            .collect::<Vec<_>>()
+            .into_iter()
+            .map(|(what, fitted)| Ok((what, self.judged(fitted)?)))
+            .collect()
+    }
+
+    /// Squares on the train record up to which a fit may stand in the place of the best one, N^2.
+    fn worth_in_place(&self) -> f64 {
+        let blur = self.criteria.blur_of_carriage * self.noise_squares();
+        WITHIN * (self.best.fitted.squares() + blur)
+    }
+
+    /// Of a fit that says the same with less: one that leaves far more is given up.
+    pub(super) fn in_place_of_best(&self) -> FitBudget {
+        FitBudget::KEPT.gain_below(self.worth_in_place())
+    }
+
+    /// Whether what was found is better than something simpler that leaves this.
+    pub(super) fn falls_to_best_from(&self, other: &Errors) -> bool {
+        self.quick_score(other).fall_to(&self.best.score) >= self.asked(self.found())
+    }
+
+    /// Whether a law that was beaten in the round of a chosen one is tried in its place: not there
+    /// beside it, and half of its gain or a rival of another law. What is one force with one of the
+    /// laws can be one with any of them.
+    fn may_stand_for(
+        &self,
+        chosen: &Evidence,
+        one: &Evidence,
+        bare: &Hypothesis,
+        known: &[Inseparable],
+    ) -> bool {
+        let was_beaten = one.round == chosen.round
+            && one.outcome != Outcome::Chosen
+            && one.outcome != Outcome::Pruned;
+        let comes_close = one.holdout_gain >= HALF_AS_GOOD * chosen.holdout_gain;
+        let is_rival = self
+            .inseparable
+            .iter()
+            .chain(known)
+            .any(|pair| pair.rival == one.name && pair.effect != chosen.name);
+        was_beaten
+            && (comes_close || is_rival)
+            && !bare.effects.iter().any(|part| part.descriptor.name == one.name)
+    }
+
+    /// An effect gives way to the law of a row of the evidence.
+    fn give_way(&mut self, index: usize, row: usize, judged: Judged) {
+        let name = self.evidence[row].name;
+        let mut others = self.runners_up[index].clone();
+        others.retain(|(other, _)| *other != name);
+        self.strike(index);
+        self.runners_up.insert(index, others);
+        self.evidence[row].outcome = Outcome::Chosen;
+        self.best = judged;
+    }
+
+    /// Row of the evidence that says when an effect was added. Of several of a name they were added
+    /// in the order in which they stand.
+    pub(super) fn row_of(&self, index: usize) -> Option<usize> {
+        let added = &self.found().effects[self.declared_effects()..=index];
+        let name = self.found().effects[index].descriptor.name;
+        let before = added.iter().filter(|part| part.descriptor.name == name).count() - 1;
+        let is_chosen = |row: &usize| {
+            self.evidence[*row].name == name && self.evidence[*row].outcome == Outcome::Chosen
+        };
+        (0..self.evidence.len()).filter(is_chosen).nth(before)
+    }
+
+    /// Notes in the evidence that an effect goes, before it does.
+    pub(super) fn strike(&mut self, index: usize) {
+        let name = self.found().effects[index].descriptor.name;
+        if let Some(row) = self.row_of(index) {
+            self.evidence[row].outcome = Outcome::Pruned;
+            let round = self.evidence[row].round;
+            let in_round =
+                |one: &Evidence, outcome: Outcome| one.round == round && one.outcome == outcome;
+            // Of ripples that came together others may stay.
+            if !self.evidence.iter().any(|one| in_round(one, Outcome::Chosen)) {
+                let equals = self.evidence.iter_mut().filter(|one| in_round(one, Outcome::Equal));
+                equals.for_each(|one| one.outcome = Outcome::Beaten);
+            }
+        }
+        if self.added_of(name) == 1 {
+            self.inseparable.retain(|pair| pair.effect != name);
+        }
+        self.runners_up.remove(index);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::rounds::tests::tried;
+    use super::super::tests::part;
+    use super::*;
+    use crate::fit::fit;
+    use crate::hypothesis::Tolerances;
+    use crate::record::measured::Measured;
+    use crate::search::{Criteria, Silent};
+    use crate::test_records::recording;
+    use friction_stage_core::model::StageModel;
+
+    /// A spring whose centre is far off says no more than a constant force; one whose centre is
+    /// within the travel says more.
+    #[test]
+    fn a_law_that_says_no_more_than_a_simpler_one_gives_way_to_it() {
+        let model = StageModel::default();
+        for (hidden, expected) in [
+            (part("constant_force", &[("amplitude", 2.0)]), "constant_force"),
+            (part("cable_chain", &[("stiffness", 200.0), ("center", 0.0)]), "cable_chain"),
+        ] {
+            let real = StageModel { effects: vec![hidden.parameters()], ..model.clone() };
+            let record = |seed, moves| {
+                Measured::new(&recording(&real, seed, 0.0, moves), &model, "the record").unwrap()
+            };
+            let (train, holdout) = (record(3, 6), record(4, 4));
+            let start = Hypothesis::new(&model, Tolerances::default()).unwrap();
+            let mut search =
+                Search::new(&start, &train, &holdout, &Criteria::USUAL, &Silent).unwrap();
+            let spring = match expected {
+                "cable_chain" => hidden,
+                _ => part("cable_chain", &[("stiffness", 0.2), ("center", -10.0)]),
+            };
+            let fitted = fit(&start.with(spring), &train, Sides::BOTH, FitBudget::KEPT).unwrap();
+            search.best = search.judged(fitted).unwrap();
+            let mut rows = tried(&[("cable_chain", 2, 1.0), ("constant_force", 1, 0.9)]);
+            rows[0].one.outcome = Outcome::Chosen;
+            search.evidence = rows.into_iter().map(|tried| tried.one).collect();
+            search.runners_up.push(vec![("constant_force", 0.1)]);
+            search.exchange().unwrap();
+            let effects = &search.found().effects;
+            assert_eq!(
+                effects.iter().map(|part| part.descriptor.name).collect::<Vec<_>>(),
+                [expected],
+                "{effects:?}"
+            );
+            let chosen = search.evidence.iter().find(|one| one.outcome == Outcome::Chosen).unwrap();
+            assert_eq!((chosen.name, search.runners_up.len()), (expected, 1));
+        }
+    }
+
+    /// A motor that gives more and an encoder of another scale are a cell and a motor of other
+    /// gains. Each alone is what it is.
+    #[test]
+    fn a_law_that_says_the_same_beside_all_that_was_found_is_a_rival() {
+        let model = StageModel::default();
+        let gain = part("motor_gain", &[("fraction", 0.019)]);
+        let scale = part("encoder_scale", &[("fraction", -0.035)]);
+        let of_cell = part("force_cell_gain", &[("fraction", 0.019)]);
+        let known = Inseparable { effect: "motor_gain", rival: "encoder_scale", correlation: 1.0 };
+        let both = (vec![gain.clone(), scale], vec![of_cell.clone(), gain]);
+        for ((hidden, found), of_scale, known, expected) in [
+            (both.clone(), 0.6, None, true),
+            (both.clone(), 0.1, None, false),
+            // What is a rival of the one may be one of the other.
+            (both, 0.1, Some(known), true),
+            ((vec![of_cell.clone()], vec![of_cell]), 0.6, None, false),
+        ] {
+            let real = StageModel {
+                effects: hidden.iter().map(Part::parameters).collect(),
+                ..model.clone()
+            };
+            let record = |seed, moves| {
+                Measured::new(&recording(&real, seed, 0.0, moves), &model, "the record").unwrap()
+            };
+            let (train, holdout) = (record(3, 6), record(4, 4));
+            let start = Hypothesis::new(&model, Tolerances::default()).unwrap();
+            let mut search =
+                Search::new(&start, &train, &holdout, &Criteria::USUAL, &Silent).unwrap();
+            let laws = found.iter().fold(start.clone(), |laws, part| laws.with(part.clone()));
+            let fitted = fit(&laws, &train, Sides::BOTH, FitBudget::KEPT).unwrap();
+            search.best = search.judged(fitted).unwrap();
+            let mut rows = tried(&[("force_cell_gain", 1, 1.0), ("encoder_scale", 1, of_scale)]);
+            rows[0].one.outcome = Outcome::Chosen;
+            search.evidence = rows.into_iter().map(|tried| tried.one).collect();
+            search.inseparable.extend(known);
+            search.exchange().unwrap();
+            let is_rival = |pair: &Inseparable| {
+                (pair.effect, pair.rival) == ("force_cell_gain", "encoder_scale")
+            };
+            assert_eq!(
+                search.inseparable.iter().any(is_rival),
+                expected,
+                "{:?}",
+                search.inseparable
+            );
+            assert!(
+                search.inseparable.iter().all(|pair| pair.correlation > 0.9),
+                "{:?}",
+                search.inseparable
+            );
+        }
+    }
+}
