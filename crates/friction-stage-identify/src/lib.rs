@@ -88,8 +88,8 @@ pub use residual_location::{
 };
 pub use search::phase::{RippleElsewhere, ripple_elsewhere};
 pub use search::{
-    Criteria, Errors, Evidence, Inseparable, MOST_LAWS, Outcome, Selection, Silent, Verdict, Watch,
-    search, search_by,
+    Alternative, Criteria, Errors, Evidence, Inseparable, MOST_LAWS, Outcome, Selection, Silent,
+    Verdict, Watch, search, search_by,
 };
 pub use summary::{
     Change, FoundEffect, FoundParameter, PositionErrors, RunnerUp, Summary, SummaryFinding,

@@ -119,13 +119,16 @@ pub struct FoundParameter {
     pub ci95: Option<[f64; 2]>,
 }
 
-/// The best other candidate of a round.
+/// The best other law in the place of one that was found.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RunnerUp {
     /// Name of the law or effect.
     pub name: String,
     /// N
     pub holdout_force_rms: f64,
+    /// How many times less likely it is than the law that was found, each record and side as one
+    /// measurement.
+    pub times_less_likely: f64,
 }
 
 /// Errors on both records.
@@ -246,33 +249,34 @@ impl Summary {
                 declared_parameters.insert(format!("{label}.{name}"), parameter);
             }
         }
-        let mut effects: Vec<FoundEffect> =
-            estimate
-                .fitted
-                .hypothesis
-                .effects
-                .iter()
-                .enumerate()
-                .skip(declared_effects)
-                .map(|(index, part)| FoundEffect {
-                    name: part.descriptor.name.to_owned(),
-                    side: side_name(part.side()).to_owned(),
-                    coordinate: part.curve().map(|curve| curve.coordinate.name().to_owned()),
-                    parameters: parameters(estimate, index),
-                    runner_up: selection.runners_up.get(index).copied().flatten().map(
-                        |(name, rms)| RunnerUp { name: name.to_owned(), holdout_force_rms: rms },
-                    ),
-                    rivals: selection
-                        .inseparable
-                        .iter()
-                        .filter(|pair| pair.effect == part.descriptor.name)
-                        .map(|pair| Rival {
-                            name: pair.rival.to_owned(),
-                            correlation: pair.correlation,
-                        })
-                        .collect(),
-                })
-                .collect();
+        let mut effects: Vec<FoundEffect> = estimate
+            .fitted
+            .hypothesis
+            .effects
+            .iter()
+            .enumerate()
+            .skip(declared_effects)
+            .map(|(index, part)| FoundEffect {
+                name: part.descriptor.name.to_owned(),
+                side: side_name(part.side()).to_owned(),
+                coordinate: part.curve().map(|curve| curve.coordinate.name().to_owned()),
+                parameters: parameters(estimate, index),
+                runner_up: selection.runners_up.get(index).copied().flatten().map(|one| RunnerUp {
+                    name: one.name.to_owned(),
+                    holdout_force_rms: one.holdout_rms,
+                    times_less_likely: one.times_less_likely,
+                }),
+                rivals: selection
+                    .inseparable
+                    .iter()
+                    .filter(|pair| pair.effect == part.descriptor.name)
+                    .map(|pair| Rival {
+                        name: pair.rival.to_owned(),
+                        correlation: pair.correlation,
+                    })
+                    .collect(),
+            })
+            .collect();
         let joint = estimate.fitted.hypothesis.model().joint;
         let of_effects =
             effects.iter_mut().flat_map(|effect: &mut FoundEffect| effect.parameters.values_mut());

@@ -1,5 +1,6 @@
 //! Exchanges: with everything that was found, is each law needed, in this form, and not another one?
 
+use std::collections::BTreeSet;
 use std::{mem, slice};
 
 use rayon::prelude::*;
@@ -12,7 +13,7 @@ use friction_stage_core::plant::Side;
 use super::columns::Columns;
 use super::forms::{WITHIN, starts};
 use super::score::{Judged, errors};
-use super::selection::{Errors, Evidence, Inseparable, Outcome};
+use super::selection::{Alternative, Errors, Evidence, Inseparable, Outcome};
 use super::state::{Search, correlation_of_taken};
 
 /// Part of the gain of a law that another one must have had in its round to be tried in its place.
@@ -69,6 +70,7 @@ impl Search<'_> {
             }
             return Ok(Some(what));
         }
+        self.runners_up[index] = self.runner_up_of(index, &judged);
         let bare = self.found().without(index);
         for (what, one) in &judged {
             let InPlace::Law(row) = what else { continue };
@@ -197,7 +199,7 @@ impl Search<'_> {
                     }
                 }
             }
-            (best.squares() <= worth || what == InPlace::Nothing).then_some((what, best))
+            (best.squares() <= worth || what != InPlace::OtherForm).then_some((what, best))
         });
         fitted
             .collect::<Vec<_>>()
@@ -220,6 +222,27 @@ impl Search<'_> {
     /// Whether what was found is better than something simpler that leaves this.
     pub(super) fn falls_to_best_from(&self, other: &Errors) -> bool {
         self.quick_score(other).fall_to(&self.best.score) >= self.asked(self.found())
+    }
+
+    /// Laws that were fitted in the place of one, each once, the best first, then those of its
+    /// round.
+    fn runner_up_of(&self, index: usize, judged: &[(InPlace, Judged)]) -> Vec<Alternative> {
+        let mut laws: Vec<Alternative> = judged
+            .iter()
+            .filter_map(|(what, one)| match what {
+                InPlace::Law(row) => Some(Alternative {
+                    name: self.evidence[*row].name,
+                    holdout_rms: one.errors.holdout().sqrt(),
+                    times_less_likely: self.best.score.times_less_likely(&one.score),
+                }),
+                _ => None,
+            })
+            .collect();
+        laws.sort_by(|a, b| a.times_less_likely.total_cmp(&b.times_less_likely));
+        laws.extend(self.runners_up[index].iter().copied());
+        let mut names = BTreeSet::new();
+        laws.retain(|one| names.insert(one.name));
+        laws
     }
 
     /// Whether a law that was beaten in the round of a chosen one is tried in its place: not there
@@ -250,7 +273,7 @@ impl Search<'_> {
     fn give_way(&mut self, index: usize, row: usize, judged: Judged) {
         let name = self.evidence[row].name;
         let mut others = self.runners_up[index].clone();
-        others.retain(|(other, _)| *other != name);
+        others.retain(|other| other.name != name);
         self.strike(index);
         self.runners_up.insert(index, others);
         self.evidence[row].outcome = Outcome::Chosen;
@@ -328,7 +351,9 @@ mod tests {
             let mut rows = tried(&[("cable_chain", 2, 1.0), ("constant_force", 1, 0.9)]);
             rows[0].one.outcome = Outcome::Chosen;
             search.evidence = rows.into_iter().map(|tried| tried.one).collect();
-            search.runners_up.push(vec![("constant_force", 0.1)]);
+            let other =
+                Alternative { name: "constant_force", holdout_rms: 0.1, times_less_likely: 9.0 };
+            search.runners_up.push(vec![other]);
             search.exchange().unwrap();
             let effects = &search.found().effects;
             assert_eq!(

@@ -91,7 +91,7 @@ impl<'a> Search<'a> {
     /// everything where the model lacks another law as well.
     pub(super) fn refuse_guides_in_place_of_laws(&self) -> Result<(), IdentifyError> {
         let first = self.declared_effects();
-        let found = &self.found();
+        let found = self.found();
         if found.effects.len() == first || !self.doubts_the_guides() {
             return Ok(());
         }

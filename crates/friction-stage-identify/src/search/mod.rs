@@ -30,7 +30,9 @@ use state::Search;
 
 pub use criteria::Criteria;
 pub(crate) use selection::ALL_BUT_NOISE;
-pub use selection::{Errors, Evidence, Inseparable, Outcome, Selection, Silent, Verdict, Watch};
+pub use selection::{
+    Alternative, Errors, Evidence, Inseparable, Outcome, Selection, Silent, Verdict, Watch,
+};
 pub use state::MOST_LAWS;
 
 /// Turns of laws, exchanges and curves at most.
@@ -146,7 +148,7 @@ impl Search<'_> {
         let runners_up = self
             .runners_up
             .iter()
-            .map(|others| others.iter().find(|(name, _)| !there(name)).copied())
+            .map(|others| others.iter().find(|one| !there(one.name)).copied())
             .collect();
         let added = self.found().effects.len() - self.declared_effects();
         // Nothing is `none`, and little is `found`, while what is left is not noise, or while not

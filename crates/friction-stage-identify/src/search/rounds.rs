@@ -14,7 +14,7 @@ use friction_stage_core::plant::{EffectDescriptor, Residual, Side};
 use super::columns::Columns;
 use super::forms::{WITHIN, best_of, starts};
 use super::score::{Judged, errors};
-use super::selection::{Evidence, Outcome};
+use super::selection::{Alternative, Evidence, Outcome};
 use super::state::{MOST_OF_ONE, Search, by_chance, gain_elsewhere};
 
 /// Part by which the periods of guides of one type differ at most. Assumed.
@@ -181,9 +181,15 @@ impl Search<'_> {
     fn adopt(&mut self, winner: Candidate, judged: Judged, others: Vec<Candidate>) {
         let one = Evidence { outcome: Outcome::Chosen, ..winner.one };
         let added = &judged.fitted.hypothesis.effects[self.found().effects.len()..];
-        let left_by_others: Vec<(&'static str, f64)> = others
+        let left_by_others: Vec<Alternative> = others
             .iter()
-            .map(|other| (other.one.name, other.one.errors.holdout().sqrt()))
+            .map(|other| Alternative {
+                name: other.one.name,
+                holdout_rms: other.one.errors.holdout().sqrt(),
+                times_less_likely: judged
+                    .score
+                    .times_less_likely(&self.quick_score(&other.one.errors)),
+            })
             .collect();
         self.runners_up.extend(added.iter().map(|_| left_by_others.clone()));
         // Ripples that came together are each a row, with what all of them do.
@@ -196,7 +202,7 @@ impl Search<'_> {
 
     /// Every candidate beside what was found, refitted, the best on the hold-out first.
     fn try_all(&self, round: usize) -> Result<Vec<Candidate>, IdentifyError> {
-        let columns = Columns::new(&self.found(), self.train)?;
+        let columns = Columns::new(self.found(), self.train)?;
         let there =
             |name: &str| self.found().effects.iter().any(|part| part.descriptor.name == name);
         let may_be_added = |law: &&EffectDescriptor| {

@@ -34,6 +34,11 @@ impl Score {
     pub(super) fn both(&self) -> f64 {
         self.train + self.holdout
     }
+
+    /// How many times less likely another one is.
+    pub(super) fn times_less_likely(&self, other: &Score) -> f64 {
+        (0.5 * (other.both() - self.both())).exp()
+    }
 }
 
 /// A fit with what it leaves.

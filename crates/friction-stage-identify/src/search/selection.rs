@@ -88,6 +88,19 @@ pub struct Inseparable {
     pub correlation: f64,
 }
 
+/// A law that could have stood in the place of one that was found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Alternative {
+    /// Its name.
+    pub name: &'static str,
+    /// What it would leave of the hold-out, N rms.
+    pub holdout_rms: f64,
+    /// How many times less likely it is than what was found, each record and side as one
+    /// measurement of normal errors whose variance is what is left beyond the noise: the square
+    /// root of how many times as much it leaves, of all records and sides multiplied.
+    pub times_less_likely: f64,
+}
+
 /// How the search ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
@@ -123,7 +136,7 @@ pub struct Selection {
     /// Coordinate of the map, where one was needed.
     pub coordinate: Option<Coordinate>,
     /// For each effect of `after`: the best other candidate of its round with its held-out rms, N.
-    pub runners_up: Vec<Option<(&'static str, f64)>>,
+    pub runners_up: Vec<Option<Alternative>>,
     /// Pairs that the data do not tell apart.
     pub inseparable: Vec<Inseparable>,
     /// Ripples over the position that go through few periods within the travel, with how many.

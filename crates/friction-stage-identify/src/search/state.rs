@@ -14,7 +14,7 @@ use friction_stage_core::numerics::correlation::correlation_length_along;
 use super::criteria::Criteria;
 use super::nulls::{Floors, NullRecords, known_controller};
 use super::score::{Judged, Score, errors};
-use super::selection::{Errors, Evidence, Inseparable, Watch, different_laws};
+use super::selection::{Alternative, Errors, Evidence, Inseparable, Watch, different_laws};
 
 /// Most laws that are added.
 pub const MOST_LAWS: usize = 4;
@@ -43,9 +43,8 @@ pub(super) struct Search<'a> {
     /// Rounds in which candidates were tried.
     pub(super) rounds: usize,
     pub(super) evidence: Vec<Evidence>,
-    /// For each effect the other candidates of its round, the best first, with their held-out rms,
-    /// N.
-    pub(super) runners_up: Vec<Vec<(&'static str, f64)>>,
+    /// For each effect the other candidates of its round, the best first.
+    pub(super) runners_up: Vec<Vec<Alternative>>,
     pub(super) inseparable: Vec<Inseparable>,
     pub(super) stopped: bool,
 }

@@ -418,8 +418,11 @@ fn effects(page: &mut Page, selection: &Selection, summary: &Summary) {
                 _ => format!("the place of the {} harmonic", harmonic_name(*order)),
             };
             page.text(&format!(
-                "Next best in {which}: {}, which would leave {:.4} {n} rms on the hold-out.",
-                other.name, other.holdout_force_rms
+                "Next best in {which}: {}, which would leave {:.4} {n} rms on the hold-out: {} \
+                 times less likely, each record and side as one measurement.",
+                other.name,
+                other.holdout_force_rms,
+                readable(other.times_less_likely)
             ));
         }
     }
