@@ -142,17 +142,13 @@ impl Search<'_> {
     ) -> Result<Option<Judged>, IdentifyError> {
         let drawn = self.drawn_curves(start, start_errors)?;
         let start_score = self.quick_score(start_errors);
-        // What is no answer yet loses nothing by a curve.
-        let least = match self.is_explained(start_errors) {
-            true => self.criteria.fall_of_curve,
-            false => self.criteria.fall,
-        };
         // The best one of each damping: moves are far from linear, so that one that is better at
         // first need not be the better one. A curve that the train record does not show is drawn
         // through what it says nothing of, and fits the hold-out by chance.
         let judged = |fitted: Fitted| -> Result<Option<Judged>, IdentifyError> {
             let judged = self.judged(fitted)?;
-            let is_enough = start_score.fall_to(&judged.score) >= least;
+            let asked = self.asked(&judged.fitted.hypothesis, start, start_errors);
+            let is_enough = start_score.fall_to(&judged.score) >= asked;
             let shows = is_enough
                 && self.shows_without_cell(
                     (start, start_errors),

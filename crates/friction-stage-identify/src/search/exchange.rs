@@ -11,7 +11,7 @@ use crate::hypothesis::{Hypothesis, Part, Sides};
 use friction_stage_core::plant::Side;
 
 use super::columns::Columns;
-use super::forms::{WITHIN, starts};
+use super::forms::{WITHIN, simpler, starts};
 use super::score::{Judged, errors};
 use super::selection::{Alternative, Errors, Evidence, Inseparable, Outcome};
 use super::state::{Search, correlation_of_taken};
@@ -74,17 +74,19 @@ impl Search<'_> {
         let bare = self.found().without(index);
         for (what, one) in &judged {
             let InPlace::Law(row) = what else { continue };
+            let (effect, rival) =
+                (self.found().effects[index].descriptor.name, self.evidence[*row].name);
             let alike = one.free() == self.best.free()
                 && !self.needs(one, &self.best)
                 && !self.needs(&self.best, one);
-            if !alike {
+            // In another form it may be there already.
+            let is_known = self.inseparable.iter().any(|p| (p.effect, p.rival) == (effect, rival));
+            if !alike || is_known {
                 continue;
             }
             let without = bare.missing(self.train, Sides::BOTH)?;
             let correlation =
                 correlation_of_taken(&without, &self.best.fitted.missing, &one.fitted.missing);
-            let (effect, rival) =
-                (self.found().effects[index].descriptor.name, self.evidence[*row].name);
             self.evidence[*row].outcome = Outcome::Equal;
             self.inseparable.push(Inseparable { effect, rival, correlation });
         }
@@ -140,6 +142,8 @@ impl Search<'_> {
                 other.effects[index] = part;
                 other
             };
+            let terms = simpler(part).into_iter();
+            others.extend(terms.map(|term| (InPlace::OtherForm, in_place(term))));
             if self.room() > BETTER_FORM * self.criteria.fall
                 && let Some(values) = part.descriptor.propose(&columns.residual(on_motor))
             {
@@ -158,7 +162,8 @@ impl Search<'_> {
                     let values = descriptor
                         .propose(&columns.residual(on_motor))
                         .unwrap_or_else(|| one.part.values.clone());
-                    let forms = starts(&Part { descriptor, values }, self.train);
+                    let part = Part { descriptor, values };
+                    let forms = starts(&part, self.train).into_iter().chain(simpler(&part));
                     others
                         .extend(forms.into_iter().map(|form| (InPlace::Law(row), in_place(form))));
                 }
@@ -219,9 +224,11 @@ impl Search<'_> {
         FitBudget::KEPT.gain_below(self.worth_in_place())
     }
 
-    /// Whether what was found is better than something simpler that leaves this.
+    /// Whether what was found is better than other guides under the declared effects that leave
+    /// this.
     pub(super) fn falls_to_best_from(&self, other: &Errors) -> bool {
-        self.quick_score(other).fall_to(&self.best.score) >= self.asked(self.found())
+        let asked = self.asked(self.found(), &self.before.fitted.hypothesis, other);
+        self.quick_score(other).fall_to(&self.best.score) >= asked
     }
 
     /// Laws that were fitted in the place of one, each once, the best first, then those of its

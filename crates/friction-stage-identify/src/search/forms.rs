@@ -20,6 +20,17 @@ pub(super) fn starts(part: &Part, measured: &Measured) -> Vec<Part> {
     starts
 }
 
+/// The same law without one of its terms, where fewer parameters are free then: a spring without
+/// its hysteresis.
+pub(super) fn simpler(part: &Part) -> Vec<Part> {
+    let without = (0..part.values.len()).map(|value| {
+        let mut less = part.clone();
+        less.values[value] = 0.0;
+        less
+    });
+    without.filter(|less| (1..part.free()).contains(&less.free())).collect()
+}
+
 /// Of fits of several forms those that come close to the best, that one first; of equals the
 /// simplest.
 pub(super) fn best_of(fitted: Vec<Result<Fitted, ModelError>>, most: usize) -> Vec<Fitted> {

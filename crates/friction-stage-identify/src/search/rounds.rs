@@ -232,7 +232,7 @@ impl Search<'_> {
             });
         let glances = glances.collect::<Result<Vec<Glance>, IdentifyError>>()?;
         let falls = glances.iter().map(|glance| glance.fall);
-        let strongest = falls.fold(self.asked(self.found()), f64::max);
+        let strongest = falls.fold(self.asked_beside(self.found()), f64::max);
         let tried = glances.into_par_iter().map(|glance| {
             tell("", glance.law, 4 * candidates.len());
             match glance.fall >= SHOWS_EARLY * strongest {
@@ -331,7 +331,7 @@ impl Search<'_> {
             fall,
             outcome: Outcome::TooSmall,
         };
-        if fall >= self.asked(&with) && self.shows_by_itself(&one, &with, count)? {
+        if fall >= self.asked_beside(&with) && self.shows_by_itself(&one, &with, count)? {
             one.outcome = Outcome::Beaten;
         }
         Ok(Candidate { one, with, forms })
@@ -356,7 +356,7 @@ impl Search<'_> {
         let bare = self.quick_score(&errors(&bare, self.train, self.holdout)?);
         Ok(one.train_gain >= chance
             && gain_elsewhere(before, &missing) >= chance
-            && bare.holdout - self.quick_score(&one.errors).holdout >= self.asked(with)
+            && bare.holdout - self.quick_score(&one.errors).holdout >= self.asked_beside(with)
             && self.shows_without_cell((self.found(), &self.best.errors), (with, &one.errors))?)
     }
 

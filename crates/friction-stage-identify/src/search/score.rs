@@ -127,18 +127,28 @@ impl Search<'_> {
         Ok(Judged { score: self.score_over(&errors, &own), errors, fitted })
     }
 
-    /// Fall of the score that a hypothesis must bring to stand over one with fewer parameters.
-    pub(super) fn asked(&self, of: &Hypothesis) -> f64 {
-        let says_less = |part: &Part| part.descriptor.is_curve() || part.slips();
-        match of.effects[self.declared_effects()..].iter().any(says_less) {
+    /// Fall of the score for which a hypothesis stands over one with less in it that leaves this:
+    /// what says less than a law must take more, beside another such one and in place of an answer.
+    pub(super) fn asked(&self, more: &Hypothesis, less: &Hypothesis, left: &Errors) -> f64 {
+        let says_less = |of: &Hypothesis| {
+            let mut added = of.effects.iter().skip(self.declared_effects());
+            added.any(|part| part.descriptor.is_curve() || part.slips())
+        };
+        match says_less(more) && (says_less(less) || self.is_explained(left)) {
             true => self.criteria.fall_of_curve,
             false => self.criteria.fall,
         }
     }
 
+    /// The same for what is added to what was found.
+    pub(super) fn asked_beside(&self, more: &Hypothesis) -> f64 {
+        self.asked(more, self.found(), &self.best.errors)
+    }
+
     /// Whether a hypothesis with more in it is better than one with less.
     pub(super) fn needs(&self, more: &Judged, less: &Judged) -> bool {
-        less.score.fall_to(&more.score) >= self.asked(&more.fitted.hypothesis)
+        let asked = self.asked(&more.fitted.hypothesis, &less.fitted.hypothesis, &less.errors);
+        less.score.fall_to(&more.score) >= asked
     }
 
     /// Of a fit on the way, with this much left on the train record, N^2: the last one goes to its
@@ -155,7 +165,7 @@ impl Search<'_> {
     pub(super) fn worth_on_train(&self, sides: Sides) -> f64 {
         let (errors, floor) = (&self.best.errors, &self.floors.train);
         let rows = self.train.rows.len() as f64;
-        let asked = 1.0 - (-self.asked(self.found())).exp();
+        let asked = 1.0 - (-self.asked_beside(self.found())).exp();
         let of = |counts: bool, left: f64, floor: f64, blur: f64| {
             let beyond = (left - floor.powi(2)).max(0.0) + blur * floor.powi(2);
             if counts { (rows * left, rows * asked * beyond) } else { (0.0, f64::INFINITY) }
@@ -280,16 +290,23 @@ mod tests {
         });
     }
 
+    /// In place of laws that are an answer, and beside another curve; for what has no answer a curve
+    /// is asked for no more than a law.
     #[test]
-    fn a_curve_must_take_half() {
+    fn a_curve_must_take_half_of_what_an_answer_leaves() {
         with_search(|search| {
+            search.before.errors = on_both(0.0, 100.0);
+            let (some, little) = (on_both(0.0, 50.0), on_both(0.0, 0.01));
             let start = search.found().clone();
-            let curve = part("cogging", &[("amplitude", 1.0), ("period", 0.01)]);
-            assert_eq!(search.asked(&start.with(curve)), search.criteria.fall);
+            let law = start.with(part("cogging", &[("amplitude", 1.0), ("period", 0.01)]));
             let knots = friction_stage_core::plant::EffectDescriptor::find("map").unwrap();
             let values = vec![0.0, 2.0, 0.0, 0.1, 0.0, 0.0, 1.0, 2.0];
-            let curve = Part { descriptor: knots, values };
-            assert_eq!(search.asked(&start.with(curve)), std::f64::consts::LN_2);
+            let curve = start.with(Part { descriptor: knots, values });
+            let Criteria { fall, fall_of_curve, .. } = search.criteria;
+            assert_eq!(search.asked(&law, &start, &some), fall);
+            assert_eq!(search.asked(&curve, &start, &some), fall);
+            assert_eq!(search.asked(&curve, &law, &little), fall_of_curve);
+            assert_eq!(search.asked(&curve, &curve, &some), fall_of_curve);
         });
     }
 

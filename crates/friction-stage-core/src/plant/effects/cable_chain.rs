@@ -14,6 +14,8 @@
 //! 33, 1966). Of the spring: assumed linear over the stroke. Sizes: assumed, 1 to 10 N over the
 //! stroke. Not modelled: bumps of single links, dwell-time creep of the cables.
 
+use std::iter;
+
 use super::regression::{along, largest_over_decades, least_squares};
 use super::{
     Action, EffectDescriptor, EffectParameter, ForceLaw, Motion, Multiplicity, RecordSpecific,
@@ -81,14 +83,17 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     record_specific: RecordSpecific::Nothing,
     typical: &[20.0, 0.0, 0.5, 1e-3, 0.0],
     check: descriptor::any,
-    free: |values, index| index < WIDTH_AT || (index == WIDTH_AT && values[2] > 0.0),
+    free: |values, index| index < AMPLITUDE || (index < FORM && values[AMPLITUDE] > 0.0),
     build: |values| Action::CarriageForce(Box::new(CableChain::new(values))),
     proposal: Some(propose),
     starts: forms_and_widths,
     curve: None,
 };
 
+/// Hysteresis that a fit begins with where the residual shows none, N. Assumed.
+const LEAST_LOOP: f64 = 0.1;
 /// Where these values stand.
+const AMPLITUDE: usize = 2;
 const WIDTH_AT: usize = 3;
 const FORM: usize = 4;
 
@@ -192,15 +197,18 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
         .then(|| vec![stiffness, (offset / stiffness).clamp(-10.0, 10.0), amplitude, width, 0.0])
 }
 
-/// The width as it was proposed, and the assumed one: where the loop is small compared with the
-/// spring, both bias the fit of the guides, and the proposed width may be wrong.
+/// The spring alone, and with a hysteresis of the width as it was proposed, and of the assumed one:
+/// where the loop is small compared with the spring, both bias the fit of the guides, and the
+/// proposed width may be wrong.
 fn forms_and_widths(values: &[f64], _step: f64) -> Vec<Vec<f64>> {
-    let mut assumed = values.to_vec();
+    let (mut spring, mut proposed) = (values.to_vec(), values.to_vec());
+    spring[AMPLITUDE] = 0.0;
+    proposed[AMPLITUDE] = proposed[AMPLITUDE].max(LEAST_LOOP);
+    let mut assumed = proposed.clone();
     assumed[WIDTH_AT] = WIDTH;
-    [values, &assumed]
-        .into_iter()
-        .flat_map(|values| descriptor::every_form(values, FORM, 3))
-        .collect()
+    let with_loop =
+        [proposed, assumed].into_iter().flat_map(|values| descriptor::every_form(&values, FORM, 3));
+    iter::once(spring).chain(with_loop).collect()
 }
 
 #[cfg(test)]
