@@ -1,4 +1,4 @@
-//! Exchanges: with everything that was found, is each law needed, in this form, and not another one?
+//! Exchanges: with everything that was found, is each law needed, in this form, and no other one?
 
 use std::collections::BTreeSet;
 use std::{mem, slice};

@@ -23,10 +23,10 @@ const OF_ONE_TYPE: f64 = 0.1;
 /// and how many are at most.
 const COMES_CLOSE: f64 = 0.5;
 const MOST_FITTED: usize = 3;
-/// Part of the fall of the strongest candidate that the first steps of another one must bring for it
-/// to be fitted further.
+/// Part of the fall of the strongest candidate that the first steps of another one must bring, or
+/// it is not fitted further.
 const SHOWS_EARLY: f64 = 0.25;
-/// Part of the share that counts as equal: which of two laws is named must not depend on the last
+/// Part of the fall that counts as equal: which of two laws is named must not depend on the last
 /// digits.
 const SAME: f64 = 0.05;
 
