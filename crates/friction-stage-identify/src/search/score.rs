@@ -290,8 +290,8 @@ mod tests {
         });
     }
 
-    /// In place of laws that are an answer, and beside another curve. Where there is no answer it is
-    /// asked for no more than a law.
+    /// In place of laws that are an answer, and beside another curve. Where nothing is an answer it
+    /// is asked for no more than a law.
     #[test]
     fn a_curve_must_take_half_of_what_an_answer_leaves() {
         with_search(|search| {
