@@ -237,7 +237,7 @@ impl Search<'_> {
             tell("", glance.law, 4 * candidates.len());
             match glance.fall >= SHOWS_EARLY * strongest {
                 true => self.looked_at(round, glance),
-                false => Ok(None),
+                false => self.passed_over(round, glance),
             }
         });
         let tried = tried.collect::<Result<Vec<_>, IdentifyError>>()?;
@@ -284,6 +284,21 @@ impl Search<'_> {
         }
         let fall = self.best.score.train - self.quick_score(&errors).train;
         Ok(Some(Glance { law, sides, forms, fall }))
+    }
+
+    /// A candidate whose first steps have shown too little, as these leave it; `None` where they
+    /// show nothing.
+    fn passed_over(
+        &self,
+        round: usize,
+        glance: Glance,
+    ) -> Result<Option<Candidate>, IdentifyError> {
+        if glance.fall < SAME * self.criteria.fall {
+            return Ok(None);
+        }
+        let first = glance.forms.into_iter().next();
+        let Some(Fitted { hypothesis, .. }) = first else { return Ok(None) };
+        self.candidate(round, 1, hypothesis, Vec::new()).map(Some)
     }
 
     /// A candidate whose first steps have shown enough.
