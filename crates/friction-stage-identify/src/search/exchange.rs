@@ -14,7 +14,7 @@ use super::columns::Columns;
 use super::forms::{WITHIN, simpler, starts};
 use super::score::{Judged, errors};
 use super::selection::{Alternative, Errors, Evidence, Inseparable, Outcome};
-use super::state::{Search, correlation_of_taken};
+use super::state::{Search, correlation_of_taken, with_different_guides};
 
 /// Part of the gain of a law that another one must have had in its round to be tried in its place.
 const HALF_AS_GOOD: f64 = 0.5;
@@ -48,6 +48,46 @@ impl Search<'_> {
             }
         }
         Ok(changed)
+    }
+
+    /// A law that takes enough out of the train record, and not of the hold-out, may be right
+    /// beside laws in forms that are not: the strongest of these is added, and everything exchanged
+    /// beside it. Whether that is better.
+    pub(super) fn add_and_exchange(&mut self) -> Result<bool, IdentifyError> {
+        let last = self.rounds.checked_sub(1);
+        let strong = |one: &&(usize, &Evidence)| {
+            let fall = self.best.score.train - self.quick_score(&one.1.errors).train;
+            Some(one.1.round) == last && fall >= self.asked_beside(self.found())
+        };
+        let rows: Vec<(usize, &Evidence)> = self.evidence.iter().enumerate().collect();
+        let strongest = rows.iter().filter(strong);
+        let strongest =
+            strongest.max_by(|a, b| a.1.train_gain.total_cmp(&b.1.train_gain)).map(|one| one.0);
+        let first = self.declared_effects();
+        let (Some(row), false) = (
+            strongest,
+            self.is_noise(&self.best.errors)
+                || self.is_full()
+                || self.found().effects.len() == first,
+        ) else {
+            return Ok(false);
+        };
+        let without = (
+            self.best.clone(),
+            self.evidence.clone(),
+            self.runners_up.clone(),
+            self.inseparable.clone(),
+        );
+        let with = self.found().with(self.evidence[row].part.clone()).holding_guides(false);
+        self.best = self.judged(with_different_guides(&with, self.train, FitBudget::KEPT)?)?;
+        self.evidence[row].outcome = Outcome::Chosen;
+        self.runners_up.push(Vec::new());
+        self.exchange()?;
+        let found = self.needs(&self.best, &without.0);
+        if !found {
+            (self.best, self.evidence, self.runners_up, self.inseparable) = without;
+        }
+        Ok(found)
     }
 
     fn exchange_one(
@@ -402,6 +442,7 @@ mod tests {
             let mut search =
                 Search::new(&start, &train, &holdout, &Criteria::USUAL, &Silent).unwrap();
             let laws = found.iter().fold(start.clone(), |laws, part| laws.with(part.clone()));
+            search.runners_up.resize(found.len(), Vec::new());
             let fitted = fit(&laws, &train, Sides::BOTH, FitBudget::KEPT).unwrap();
             search.best = search.judged(fitted).unwrap();
             let mut rows = tried(&[("force_cell_gain", 1, 1.0), ("encoder_scale", 1, of_scale)]);

@@ -11,6 +11,7 @@ mod exchange;
 mod forms;
 mod guides;
 pub(crate) mod nulls;
+mod order;
 pub(crate) mod phase;
 mod rounds;
 mod score;
@@ -93,7 +94,7 @@ impl Search<'_> {
                 changed = self.exchange()?;
             }
             if !changed && self.curve().is_none() {
-                changed = self.add_curve()? || self.let_balls_slip()?;
+                changed = self.add_and_exchange()? || self.add_curve()? || self.let_balls_slip()?;
             }
             if changed && self.curve().is_some() {
                 self.settle_curve()?;

@@ -13,7 +13,7 @@ use friction_stage_core::plant::{EffectDescriptor, Residual, Side};
 
 use super::columns::Columns;
 use super::forms::{WITHIN, best_of, starts};
-use super::score::{Judged, errors};
+use super::score::{Judged, errors, of_command};
 use super::selection::{Alternative, Evidence, Outcome};
 use super::state::{MOST_OF_ONE, Search, by_chance, gain_elsewhere};
 
@@ -23,8 +23,8 @@ const OF_ONE_TYPE: f64 = 0.1;
 /// and how many are at most.
 const COMES_CLOSE: f64 = 0.5;
 const MOST_FITTED: usize = 3;
-/// Part of the fall of the strongest candidate that the first steps of another one must bring, or
-/// it is not fitted further.
+/// Part of what the strongest candidate takes out that the first steps of another one must take
+/// out, or it is not fitted further.
 const SHOWS_EARLY: f64 = 0.25;
 /// Part of the fall that counts as equal: which of two laws is named must not depend on the last
 /// digits.
@@ -231,11 +231,12 @@ impl Search<'_> {
                 self.glance(law, &columns.residual(on_motor)).transpose()
             });
         let glances = glances.collect::<Result<Vec<Glance>, IdentifyError>>()?;
+        let takes = |fall: f64| 1.0 - (-fall).exp();
         let falls = glances.iter().map(|glance| glance.fall);
         let strongest = falls.fold(self.asked_beside(self.found()), f64::max);
         let tried = glances.into_par_iter().map(|glance| {
             tell("", glance.law, 4 * candidates.len());
-            match glance.fall >= SHOWS_EARLY * strongest {
+            match takes(glance.fall) >= SHOWS_EARLY * takes(strongest) {
                 true => self.looked_at(round, glance),
                 false => self.passed_over(round, glance),
             }
@@ -276,6 +277,7 @@ impl Search<'_> {
         let Some(first) = forms.first() else { return Ok(None) };
         let (motor, carriage) = first.missing.squares();
         let mut errors = self.best.errors;
+        errors.of_command = of_command(&first.hypothesis, self.train)?;
         if sides.motor && self.has_cell() {
             errors.train_motor = motor;
         }

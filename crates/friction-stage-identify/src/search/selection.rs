@@ -13,7 +13,7 @@ use crate::record::measured::Floor;
 pub(crate) const ALL_BUT_NOISE: f64 = 1.3;
 
 /// Errors of a hypothesis: mean squares of the missing force, N^2.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Errors {
     /// Train record, motor side.
     pub train_motor: f64,
@@ -23,6 +23,22 @@ pub struct Errors {
     pub holdout_motor: f64,
     /// Hold-out, carriage side.
     pub holdout_carriage: f64,
+    /// Share of the command that is left of it as the force of the motor, of the train record. Only
+    /// with a cell is a newton known: without one a motor that gives a tenth leaves a tenth of
+    /// everything.
+    pub of_command: f64,
+}
+
+impl Default for Errors {
+    fn default() -> Errors {
+        Errors {
+            train_motor: 0.0,
+            train_carriage: 0.0,
+            holdout_motor: 0.0,
+            holdout_carriage: 0.0,
+            of_command: 1.0,
+        }
+    }
 }
 
 impl Errors {
