@@ -112,8 +112,8 @@ fn search_on_train_alone_finds_friction_per_direction_and_lowers_the_error_on_ch
     // curve over the velocity.
     assert_eq!(found.coordinate, Some(Coordinate::Velocity));
 
-    // The authors' own viscous friction per direction, 167 and 240 N s/m, is the slope of guides and
-    // curve together from the speed on at which the friction is no more that of low speeds.
+    // The authors' own viscous friction per direction, 167 and 240 N s/m, is the slope of guides
+    // and curve together from the speed on at which the friction is no more that of low speeds.
     let curve = found.after.fitted.hypothesis.effects[1].curve().expect("a map");
     let viscous = found.after.fitted.hypothesis.guides()[0].viscous_friction;
     for (way, expected) in [(1.0, 167.0), (-1.0, 240.0)] {
