@@ -83,8 +83,10 @@ pub fn search_by(
 impl Search<'_> {
     /// Turns of laws, exchanges and curves until none of them finds a better set.
     fn run(&mut self) -> Result<(), IdentifyError> {
+        let mut exchanged = false;
         for _ in 0..MOST_TURNS {
-            let mut changed = self.add_laws()?;
+            // What was exchanged has rivals of its own.
+            let mut changed = self.add_laws()? || exchanged;
             if self.stopped {
                 return Ok(());
             }
@@ -92,6 +94,7 @@ impl Search<'_> {
                 self.watch.progress("fit of what was found", 0.9);
                 self.go_on_fitting(FitBudget::KEPT)?;
                 changed = self.exchange()?;
+                exchanged = changed;
             }
             if !changed && self.curve().is_none() {
                 changed = self.add_and_exchange()? || self.add_curve()? || self.let_balls_slip()?;

@@ -20,8 +20,7 @@ use friction_stage_identify::{
 const RESIDUAL_LOCATION: &str = "residual_location";
 
 /// What a candidate must explain on each record, in words.
-const LEAST_SHARE: &str = "a tenth of what is left to explain (a quarter where laws explain nearly \
-                           all, half where a curve does)";
+const LEAST_SHARE: &str = "a fifth of what is left of either record (half beside a curve)";
 
 /// The page: verdict, effects, errors, parameters, figures, candidates. `name` is what the user
 /// calls the declared model.
