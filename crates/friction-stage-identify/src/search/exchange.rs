@@ -79,7 +79,9 @@ impl Search<'_> {
             self.inseparable.clone(),
         );
         let with = self.found().with(self.evidence[row].part.clone()).holding_guides(false);
-        self.best = self.judged(with_different_guides(&with, self.train, FitBudget::KEPT)?)?;
+        let fitted = with_different_guides(&with, self.train, FitBudget::KEPT);
+        let Ok(beside) = fitted.and_then(|fitted| self.judged(fitted)) else { return Ok(false) };
+        self.best = beside;
         self.evidence[row].outcome = Outcome::Chosen;
         self.runners_up.push(Vec::new());
         self.exchange()?;
@@ -249,7 +251,7 @@ impl Search<'_> {
         fitted
             .collect::<Vec<_>>()
             .into_iter()
-            .map(|(what, fitted)| Ok((what, self.judged(fitted)?)))
+            .filter_map(|(what, fitted)| Some(Ok((what, self.judged(fitted).ok()?))))
             .collect()
     }
 

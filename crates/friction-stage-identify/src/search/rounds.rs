@@ -173,7 +173,7 @@ impl Search<'_> {
         fitted
             .into_par_iter()
             .filter(|(_, one)| one.squares() <= worth)
-            .map(|(place, fitted)| Ok((place, self.judged(fitted)?)))
+            .filter_map(|(place, fitted)| Some(Ok((place, self.judged(fitted).ok()?))))
             .collect()
     }
 
@@ -300,7 +300,8 @@ impl Search<'_> {
         }
         let first = glance.forms.into_iter().next();
         let Some(Fitted { hypothesis, .. }) = first else { return Ok(None) };
-        self.candidate(round, 1, hypothesis, Vec::new()).map(Some)
+        // Values that do not go together in the other record are no candidate.
+        Ok(self.candidate(round, 1, hypothesis, Vec::new()).ok())
     }
 
     /// A candidate whose first steps have shown enough.
@@ -310,7 +311,8 @@ impl Search<'_> {
         let effort = FitBudget::COMPARED.gain_below(self.worth_on_train(sides));
         let forms = best_of(race(&starts, self.train, sides, effort, WITHIN), MOST_FITTED);
         let Some(fitted) = forms.first() else { return Ok(None) };
-        let one = self.candidate(round, 1, fitted.hypothesis.clone(), forms.clone())?;
+        let one = self.candidate(round, 1, fitted.hypothesis.clone(), forms.clone());
+        let Ok(one) = one else { return Ok(None) };
         Ok(Some(match law.multiplicity {
             Multiplicity::OnePerGuide => self.of_all_guides(one)?,
             _ => one,
