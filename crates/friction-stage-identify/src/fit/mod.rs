@@ -38,7 +38,7 @@ pub struct FitBudget {
 impl FitBudget {
     /// Of a fit that is compared with others.
     pub const COMPARED: FitBudget = FitBudget::of(8, 1e-4);
-    /// Of a fit that only shows whether it is worth going on.
+    /// Of a fit that only shows whether further steps may pay.
     pub(crate) const GLANCE: FitBudget = FitBudget::of(2, 1e-3);
     /// Of a fit that others build on: what it left undone would pass for another effect.
     pub const KEPT: FitBudget = FitBudget::of(30, 1e-5);

@@ -16,8 +16,8 @@ use friction_stage_core::numerics::TWO_SIDED_95;
 use friction_stage_core::numerics::correlation::correlation_length;
 use friction_stage_core::plant::effects::ALL;
 
-/// Part of what a law takes out by which its rival must fall short for a search to be sure: no law
-/// is exact. Assumed.
+/// Part of a law's gain by which the gain of its rival must be smaller for a search to separate the
+/// two: no law is exact. Assumed.
 const OF_A_LAW: f64 = 0.03;
 /// Weight of what is declared in the squares of a motion: what counts is what the motion itself
 /// would show.

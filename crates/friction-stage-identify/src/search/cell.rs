@@ -8,7 +8,7 @@ use friction_stage_core::plant::effects::Role;
 use super::selection::Errors;
 use super::state::Search;
 
-/// Part of what a force takes out of both sides that it takes out from the command to the motion.
+/// Least gain of a force between command and motion, as a part of its gain on both sides. Assumed.
 const SHOWN_WITHOUT: f64 = 0.5;
 /// Share of the explainable residual that the zero of a cell may wander by beside a drift that was
 /// found. Assumed: the law explains at least nine tenths.

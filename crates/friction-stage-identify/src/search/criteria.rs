@@ -9,8 +9,9 @@ pub struct Criteria {
     /// better. A fifth of what is left: of up to four laws that are missing the strongest is a
     /// quarter of it at least.
     pub fall: f64,
-    /// The same of what says less than a law, and of a law beside it: a curve, a ripple whose phase
-    /// is each record's own. Half of what is left.
+    /// The same for a curve, or a ripple whose phase is each record's own, in place of laws that
+    /// are an answer, and for a law alongside such a one: either can follow what the other leaves.
+    /// Half of what is left.
     pub fall_of_curve: f64,
     /// Mean square of the carriage that counts like nothing, in squares of its noise floor: the
     /// measured motion stands for the true one, and guides differ from each other.

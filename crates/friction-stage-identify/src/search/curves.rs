@@ -31,7 +31,7 @@ struct DrawnCurve {
 }
 
 impl Search<'_> {
-    /// What is left over one coordinate that no law has? Whether there is.
+    /// Draws a curve over one coordinate for what no law explains. Returns whether it is enough.
     pub(super) fn add_curve(&mut self) -> Result<bool, IdentifyError> {
         if self.is_noise(&self.best.errors) && self.unproven_ripples().is_empty() {
             return Ok(false);

@@ -33,9 +33,9 @@ enum InPlace {
 impl Search<'_> {
     /// A law was added while effects that came later were still in the residual, and its form, its
     /// values, or those of the others, stood for these: a spring with a far centre is a constant
-    /// force, a gain of the cell beside one of the motor is an encoder of another scale. Each one
-    /// is left out, put in its other forms, and exchanged for those that came close to it, with
-    /// everything else fitted again. Whether anything changed.
+    /// force, a gain of the cell together with one of the motor is an encoder of another scale.
+    /// Each law is left out, put in its other forms, and exchanged for those that came close to it,
+    /// with everything else fitted again. Returns whether anything changed.
     pub(super) fn exchange(&mut self) -> Result<bool, IdentifyError> {
         let mut changed = false;
         let mut index = self.declared_effects();
@@ -50,9 +50,9 @@ impl Search<'_> {
         Ok(changed)
     }
 
-    /// A law that takes enough out of the train record, and not of the hold-out, may be right
-    /// beside laws in forms that are not: the strongest of these is added, and everything exchanged
-    /// beside it. Whether that is better.
+    /// A law that explains enough of the train record, and not of the hold-out, may be right where
+    /// the forms of the other laws are wrong: the strongest of these is added, and everything else
+    /// is exchanged given it. Returns whether the result is better.
     pub(super) fn add_and_exchange(&mut self) -> Result<bool, IdentifyError> {
         let last = self.rounds.checked_sub(1);
         let strong = |one: &&(usize, &Evidence)| {
@@ -98,7 +98,7 @@ impl Search<'_> {
         known: &[Inseparable],
     ) -> Result<Option<InPlace>, IdentifyError> {
         let label = self.found().label(index);
-        self.watch.progress(&format!("without {label}, and others in its place"), 0.95);
+        self.watch.progress(&format!("alternatives to {label}"), 0.95);
         let row = self.row_of(index);
         let judged = self.in_place_of(index, row, known)?;
         if let Some((what, one)) = self.preferred(&judged) {
@@ -121,7 +121,7 @@ impl Search<'_> {
             let alike = one.free() == self.best.free()
                 && !self.needs(one, &self.best)
                 && !self.needs(&self.best, one);
-            // In another form it may be there already.
+            // Another form of it may have been named already.
             let is_known = self.inseparable.iter().any(|p| (p.effect, p.rival) == (effect, rival));
             if !alike || is_known {
                 continue;
@@ -143,19 +143,22 @@ impl Search<'_> {
         order.push((None, &self.best));
         // Of as many parameters what was found comes first, and another law is better by enough or
         // not at all; another form is the same law.
-        let is_stay = |what: Option<InPlace>| matches!(what, None | Some(InPlace::OtherForm));
+        let is_same_law = |what: Option<InPlace>| matches!(what, None | Some(InPlace::OtherForm));
         order.sort_by(|(what, one), (other, two)| {
-            (one.free(), !is_stay(*what)).cmp(&(two.free(), !is_stay(*other))).then_with(|| {
-                let margin = |what: &Option<InPlace>| match what {
-                    None => BETTER_FORM * self.criteria.fall,
-                    _ => 0.0,
-                };
-                let left = |what, one: &Judged| one.score.both() - margin(what);
-                left(what, one).total_cmp(&left(other, two))
-            })
+            (one.free(), !is_same_law(*what)).cmp(&(two.free(), !is_same_law(*other))).then_with(
+                || {
+                    let margin = |what: &Option<InPlace>| match what {
+                        None => BETTER_FORM * self.criteria.fall,
+                        _ => 0.0,
+                    };
+                    let left = |what, one: &Judged| one.score.both() - margin(what);
+                    left(what, one).total_cmp(&left(other, two))
+                },
+            )
         });
         let best = order.into_iter().reduce(|best, other| {
-            let same = best.1.free() == other.1.free() && is_stay(best.0) && is_stay(other.0);
+            let same =
+                best.1.free() == other.1.free() && is_same_law(best.0) && is_same_law(other.0);
             if !same && self.needs(other.1, best.1) { other } else { best }
         });
         best.and_then(|(what, one)| Some((what?, one.clone())))
@@ -184,8 +187,8 @@ impl Search<'_> {
                 other.effects[index] = part;
                 other
             };
-            let terms = simpler(part).into_iter();
-            others.extend(terms.map(|term| (InPlace::OtherForm, in_place(term))));
+            let terms = simpler(part);
+            others.extend(terms.into_iter().map(|term| (InPlace::OtherForm, in_place(term))));
             if self.room() > BETTER_FORM * self.criteria.fall
                 && let Some(values) = part.descriptor.propose(&columns.residual(on_motor))
             {
@@ -200,19 +203,18 @@ impl Search<'_> {
                     }
                     let descriptor = one.part.descriptor;
                     let on_motor = one.side == Side::Motor && self.has_cell();
-                    // Beside what came later it may not show by itself.
+                    // Given the laws that were added later it may propose nothing.
                     let values = descriptor
                         .propose(&columns.residual(on_motor))
                         .unwrap_or_else(|| one.part.values.clone());
                     let part = Part { descriptor, values };
                     let forms = starts(&part, self.train).into_iter().chain(simpler(&part));
-                    others
-                        .extend(forms.into_iter().map(|form| (InPlace::Law(row), in_place(form))));
+                    others.extend(forms.map(|form| (InPlace::Law(row), in_place(form))));
                 }
             }
         }
-        judged.extend(self.raced(others)?);
-        // A curve stands for what a law beside it has left: without that law it is another one.
+        judged.extend(self.raced(others));
+        // A curve depends on the laws that were found: without one of them it is drawn again.
         if let Some(curve) = self.curve().filter(|curve| *curve != index) {
             let without = bare.without(curve - usize::from(curve > index));
             let left = errors(&without, self.train, self.holdout)?;
@@ -224,10 +226,7 @@ impl Search<'_> {
 
     /// Fits of hypotheses in place of what was found, each with guides that differ as they do and
     /// afresh, that come to about as little.
-    fn raced(
-        &self,
-        others: Vec<(InPlace, Hypothesis)>,
-    ) -> Result<Vec<(InPlace, Judged)>, IdentifyError> {
+    fn raced(&self, others: Vec<(InPlace, Hypothesis)>) -> Vec<(InPlace, Judged)> {
         let worth = self.worth_in_place();
         let with_guides = |one: &Hypothesis, effort: FitBudget| {
             race(slice::from_ref(one), self.train, Sides::BOTH, effort, 1.0).remove(0)
@@ -251,7 +250,7 @@ impl Search<'_> {
         fitted
             .collect::<Vec<_>>()
             .into_iter()
-            .filter_map(|(what, fitted)| Some(Ok((what, self.judged(fitted).ok()?))))
+            .filter_map(|(what, fitted)| Some((what, self.judged(fitted).ok()?)))
             .collect()
     }
 
@@ -261,7 +260,7 @@ impl Search<'_> {
         WITHIN * (self.best.fitted.squares() + blur)
     }
 
-    /// Of a fit that says the same with less: one that leaves far more is given up.
+    /// Of a fit that may replace what was found: one that leaves far more is given up.
     pub(super) fn in_place_of_best(&self) -> FitBudget {
         FitBudget::KEPT.gain_below(self.worth_in_place())
     }
@@ -294,9 +293,9 @@ impl Search<'_> {
         laws
     }
 
-    /// Whether a law that was beaten in the round of a chosen one is tried in its place: not there
-    /// beside it, and half of its gain or a rival of another law. What is one force with one of the
-    /// laws can be one with any of them.
+    /// Whether a law that was beaten in the round of a chosen one is tried in its place: it had
+    /// half of its gain, or is a rival of another law, and is not in the model already. What cannot
+    /// be distinguished from one of the laws may not be distinguishable from another one either.
     fn may_stand_for(
         &self,
         chosen: &Evidence,
@@ -341,7 +340,7 @@ impl Search<'_> {
         (0..self.evidence.len()).filter(is_chosen).nth(before)
     }
 
-    /// Notes in the evidence that an effect goes, before it does.
+    /// Notes in the evidence that an effect is about to be removed.
     pub(super) fn strike(&mut self, index: usize) {
         let name = self.found().effects[index].descriptor.name;
         if let Some(row) = self.row_of(index) {
@@ -374,8 +373,47 @@ mod tests {
     use crate::test_records::recording;
     use friction_stage_core::model::StageModel;
 
-    /// A spring whose centre is far off says no more than a constant force; one whose centre is
-    /// within the travel says more.
+    fn record_of(real: &StageModel, seed: u64, moves: u64) -> Measured {
+        let declared = StageModel::default();
+        Measured::new(&recording(real, seed, 0.0, moves), &declared, "the record").unwrap()
+    }
+
+    /// A search that has found these laws.
+    fn with_laws<'a>(laws: &[Part], train: &'a Measured, holdout: &'a Measured) -> Search<'a> {
+        let start = Hypothesis::new(&StageModel::default(), Tolerances::default()).unwrap();
+        let mut search = Search::new(&start, train, holdout, &Criteria::USUAL, &Silent).unwrap();
+        let with = laws.iter().fold(start, |with, part| with.with(part.clone()));
+        let fitted = fit(&with, train, Sides::BOTH, FitBudget::KEPT).unwrap();
+        search.best = search.judged(fitted).unwrap();
+        search.runners_up = vec![Vec::new(); laws.len()];
+        search
+    }
+
+    /// A cell that drifts by 0.2 N/s, and by 0.8 N with a time constant of 1 s: in the train record
+    /// alone, or in both.
+    #[test]
+    fn a_term_that_the_hold_out_is_worse_with_is_removed() {
+        let model = StageModel::default();
+        let record = |seed, moves, warm_up: f64| {
+            let mut trace = recording(&model, seed, 0.0, moves);
+            for (time, reading) in trace.time.iter().zip(&mut trace.force_cell) {
+                *reading += 0.2 * time - warm_up * (-time).exp_m1();
+            }
+            Measured::new(&trace, &model, "the record").unwrap()
+        };
+        let drift =
+            part("force_cell_drift", &[("rate", 0.2), ("amplitude", 0.8), ("time_constant", 1.0)]);
+        for (in_holdout, expected) in [(0.0, false), (0.8, true)] {
+            let (train, holdout) = (record(3, 6, 0.8), record(4, 4, in_holdout));
+            let mut search = with_laws(&[drift.clone()], &train, &holdout);
+            search.exchange().unwrap();
+            let found = search.found().effects[0].value_of("amplitude").unwrap();
+            assert_eq!(found != 0.0, expected, "{in_holdout} N on the hold-out: {found} N");
+        }
+    }
+
+    /// A spring whose centre is far off is no better than a constant force; one whose centre is
+    /// within the travel is.
     #[test]
     fn a_law_that_says_no_more_than_a_simpler_one_gives_way_to_it() {
         let model = StageModel::default();
@@ -384,25 +422,18 @@ mod tests {
             (part("cable_chain", &[("stiffness", 200.0), ("center", 0.0)]), "cable_chain"),
         ] {
             let real = StageModel { effects: vec![hidden.parameters()], ..model.clone() };
-            let record = |seed, moves| {
-                Measured::new(&recording(&real, seed, 0.0, moves), &model, "the record").unwrap()
-            };
-            let (train, holdout) = (record(3, 6), record(4, 4));
-            let start = Hypothesis::new(&model, Tolerances::default()).unwrap();
-            let mut search =
-                Search::new(&start, &train, &holdout, &Criteria::USUAL, &Silent).unwrap();
+            let (train, holdout) = (record_of(&real, 3, 6), record_of(&real, 4, 4));
             let spring = match expected {
                 "cable_chain" => hidden,
                 _ => part("cable_chain", &[("stiffness", 0.2), ("center", -10.0)]),
             };
-            let fitted = fit(&start.with(spring), &train, Sides::BOTH, FitBudget::KEPT).unwrap();
-            search.best = search.judged(fitted).unwrap();
+            let mut search = with_laws(&[spring], &train, &holdout);
             let mut rows = tried(&[("cable_chain", 2, 1.0), ("constant_force", 1, 0.9)]);
             rows[0].one.outcome = Outcome::Chosen;
             search.evidence = rows.into_iter().map(|tried| tried.one).collect();
             let other =
                 Alternative { name: "constant_force", holdout_rms: 0.1, times_less_likely: 9.0 };
-            search.runners_up.push(vec![other]);
+            search.runners_up = vec![vec![other]];
             search.exchange().unwrap();
             let effects = &search.found().effects;
             assert_eq!(
@@ -436,17 +467,8 @@ mod tests {
                 effects: hidden.iter().map(Part::parameters).collect(),
                 ..model.clone()
             };
-            let record = |seed, moves| {
-                Measured::new(&recording(&real, seed, 0.0, moves), &model, "the record").unwrap()
-            };
-            let (train, holdout) = (record(3, 6), record(4, 4));
-            let start = Hypothesis::new(&model, Tolerances::default()).unwrap();
-            let mut search =
-                Search::new(&start, &train, &holdout, &Criteria::USUAL, &Silent).unwrap();
-            let laws = found.iter().fold(start.clone(), |laws, part| laws.with(part.clone()));
-            search.runners_up.resize(found.len(), Vec::new());
-            let fitted = fit(&laws, &train, Sides::BOTH, FitBudget::KEPT).unwrap();
-            search.best = search.judged(fitted).unwrap();
+            let (train, holdout) = (record_of(&real, 3, 6), record_of(&real, 4, 4));
+            let mut search = with_laws(&found, &train, &holdout);
             let mut rows = tried(&[("force_cell_gain", 1, 1.0), ("encoder_scale", 1, of_scale)]);
             rows[0].one.outcome = Outcome::Chosen;
             search.evidence = rows.into_iter().map(|tried| tried.one).collect();

@@ -5,7 +5,7 @@ use crate::hypothesis::Part;
 use crate::record::measured::Measured;
 use friction_stage_core::model::ModelError;
 
-/// Squares of the best of several fits up to which another one is worth going on with.
+/// Factor on the squares of the best of several fits up to which another one is fitted further.
 pub(super) const WITHIN: f64 = 1.4;
 /// Share of the squares that counts as equal.
 const ALIKE: f64 = 0.99;
@@ -46,4 +46,54 @@ pub(super) fn best_of(fitted: Vec<Result<Fitted, ModelError>>, most: usize) -> V
     }
     fitted.truncate(most);
     fitted
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::part;
+    use super::*;
+    use crate::fit::{FitBudget, race};
+    use crate::hypothesis::{Hypothesis, Sides, Tolerances};
+    use crate::search::ALL_BUT_NOISE;
+    use crate::search::columns::Columns;
+    use crate::test_records::recording;
+    use friction_stage_core::model::StageModel;
+
+    #[test]
+    fn a_spring_with_hysteresis_has_a_form_without_it() {
+        let spring = part("cable_chain", &[("stiffness", 20.0), ("amplitude", 1.0)]);
+        let less = simpler(&spring);
+        assert!(
+            less.iter().any(|one| one.value_of("amplitude") == Some(0.0)
+                && one.value_of("stiffness") == Some(20.0)),
+            "{less:?}"
+        );
+        assert!(less.iter().all(|one| one.free() < spring.free()), "{less:?}");
+    }
+
+    /// A lag of 0.15 ticks with a delay of 0.99: fits that begin at either alone, or at parts of
+    /// their sum, end a tick away from it or without a delay.
+    #[test]
+    fn a_lag_with_a_delay_that_ends_before_a_tick_is_found() {
+        let model = StageModel::default();
+        let step = Measured::new(&recording(&model, 3, 0.0, 1), &model, "the record")
+            .unwrap()
+            .rate
+            .recip();
+        let lag = part("actuator_lag", &[("time_constant", 0.15 * step), ("delay", 0.99 * step)]);
+        let real = StageModel { effects: vec![lag.parameters()], ..model.clone() };
+        let train =
+            Measured::new(&recording(&real, 3, 0.0, 6), &model, "the train record").unwrap();
+        let start = Hypothesis::new(&model, Tolerances::default()).unwrap();
+        let columns = Columns::new(&start, &train).unwrap();
+        let values = lag.descriptor.propose(&columns.residual(true)).unwrap();
+        let proposed = starts(&Part { descriptor: lag.descriptor, values }, &train);
+        let forms: Vec<Hypothesis> = proposed.into_iter().map(|part| start.with(part)).collect();
+        let fitted = race(&forms, &train, Sides::BOTH, FitBudget::KEPT, WITHIN);
+        let found = best_of(fitted, 1).remove(0);
+        let left = found.missing.rms() / found.hypothesis.floor(&train).total();
+        assert!(left < ALL_BUT_NOISE, "{left} noise floors, {:?}", found.hypothesis.effects);
+        let delay = found.hypothesis.effects[0].value_of("delay").unwrap();
+        assert!((delay / (0.99 * step) - 1.0).abs() < 0.02, "{} ticks", delay / step);
+    }
 }

@@ -12,15 +12,15 @@ use super::state::Search;
 
 /// Share of the square of the force that counts like nothing where sensors have no noise at all.
 const ROUNDING: f64 = 1e-12;
-/// Squares of a noise floor beyond which it does not matter which one it is.
+/// Squares of a noise floor above which the difference between noise floors does not matter.
 const FAR_ABOVE: f64 = 30.0;
 /// Part of what the next effect must take off that a step of a fit between rounds must bring: the
 /// rest passes for no effect. Assumed.
 const PART_OF_THE_NEXT: f64 = 0.01;
 
 impl Search<'_> {
-    /// The score of errors over the noise that a hypothesis leaves where it is all there is, and
-    /// never more than the declared model: what takes out noise explains nothing.
+    /// The score of errors over the noise that a hypothesis leaves on its own null record, at most
+    /// that of the declared model: a law that reduces noise explains nothing.
     fn score_over(&self, errors: &Errors, own: &Floors) -> Score {
         let of = |motor: f64, carriage: f64, own: &Floor, floor: &Floor, record: &Measured| {
             let rounding = ROUNDING * record.force_rms().powi(2);
@@ -47,7 +47,7 @@ impl Search<'_> {
         }
     }
 
-    /// How far what was found may still fall.
+    /// How far the score of what was found may still fall.
     pub(super) fn room(&self) -> f64 {
         self.best.score.fall_to(&self.quick_score(&Errors::default()))
     }
@@ -78,8 +78,9 @@ impl Search<'_> {
         Ok(Judged { score: self.score_over(&errors, &own), errors, fitted })
     }
 
-    /// Fall of the score for which a hypothesis stands over one with less in it that leaves this:
-    /// what says less than a law must take more, beside another such one and in place of an answer.
+    /// Fall of the score for which a hypothesis is better than one with less in it, which leaves
+    /// this: a curve must explain more than a law in place of an answer, and so must a law
+    /// alongside a curve.
     pub(super) fn asked(&self, more: &Hypothesis, less: &Hypothesis, left: &Errors) -> f64 {
         let says_less = |of: &Hypothesis| {
             let mut added = of.effects.iter().skip(self.declared_effects());
@@ -102,8 +103,8 @@ impl Search<'_> {
         less.score.fall_to(&more.score) >= asked
     }
 
-    /// Of a fit on the way, with this much left on the train record, N^2: the last one goes to its
-    /// end.
+    /// Of a fit between rounds, with this much left on the train record, N^2. Only the last one is
+    /// brought to its end.
     pub(super) fn on_the_way(&self, left: f64) -> FitBudget {
         let floor = self.floors.train.total().powi(2);
         let counts = (left - floor).max(0.0) + self.criteria.blur_of_carriage * floor;
@@ -148,8 +149,8 @@ impl Search<'_> {
         left.holdout().sqrt() <= ALL_BUT_NOISE * self.floors.holdout.total()
     }
 
-    /// Whether little enough is left of the hold-out, in shares and in floors, for what was found
-    /// to be the answer though more than noise is left.
+    /// Whether so little of the hold-out is left, as a share and over the noise floor, that what
+    /// was found is the answer though more than noise is left.
     pub(super) fn is_explained(&self, left: &Errors) -> bool {
         let floor = self.floors.holdout.total();
         let explainable = self.beyond_noise(&self.before.errors).max(0.0);
@@ -174,8 +175,8 @@ mod tests {
     use crate::test_records::recording;
     use friction_stage_core::model::StageModel;
 
-    /// Runs with a search on a record of the declared stage over floors of 0.05 N on the motor and
-    /// 0.1 N on the carriage.
+    /// Runs with a search on a record of the declared stage whose noise floors are 0.05 N on the
+    /// motor and 0.1 N on the carriage.
     fn with_search(runs: impl FnOnce(&mut Search)) {
         let model = StageModel::default();
         let record =
@@ -216,8 +217,8 @@ mod tests {
         });
     }
 
-    /// Of 100 N^2, and of three floors, with what is not quite a fifth of it, and what is more; and
-    /// of the motor, whose model is exact.
+    /// Of 100 N^2, and of three noise floors, with not quite a fifth of it, and with more; and of
+    /// the motor, whose model is exact.
     #[test]
     fn more_parameters_must_take_a_fifth_of_what_is_left_on_both_records() {
         with_search(|search| {
@@ -244,8 +245,8 @@ mod tests {
         });
     }
 
-    /// In place of laws that are an answer, and beside another curve. Where nothing is an answer it
-    /// is asked for no more than a law.
+    /// In place of laws that are an answer, and alongside another curve. Where nothing is an answer
+    /// it is asked for no more than a law.
     #[test]
     fn a_curve_must_take_half_of_what_an_answer_leaves() {
         with_search(|search| {
@@ -264,7 +265,7 @@ mod tests {
         });
     }
 
-    /// In floors: what is left, and what was before.
+    /// In noise floors: what is left, and what was before.
     #[test]
     fn laws_are_the_answer_where_they_leave_little_in_shares_and_in_floors() {
         with_search(|search| {
@@ -276,7 +277,7 @@ mod tests {
             assert!(is_explained(6.0, 50.0));
             // A seal that remembers, taken for a hysteresis, and for four laws at once.
             assert!(!is_explained(103.0, 341.0) && !is_explained(38.0, 211.0));
-            // Little in floors, but not of what there was.
+            // Little in noise floors, but not as a share.
             assert!(!is_explained(6.0, 20.0));
         });
     }

@@ -1,4 +1,4 @@
-//! Rounds of candidates: each law proposes itself from the residual and is fitted beside everything
+//! Rounds of candidates: each law proposes itself from the residual and is fitted given everything
 //! that was found before; those that come close to the strongest are fitted with everything else.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -23,8 +23,8 @@ const OF_ONE_TYPE: f64 = 0.1;
 /// and how many are at most.
 const COMES_CLOSE: f64 = 0.5;
 const MOST_FITTED: usize = 3;
-/// Part of what the strongest candidate takes out that the first steps of another one must take
-/// out, or it is not fitted further.
+/// Part of the strongest candidate's gain that another one must reach with its first steps, or it
+/// is not fitted further.
 const SHOWS_EARLY: f64 = 0.25;
 /// Part of the fall that counts as equal: which of two laws is named must not depend on the last
 /// digits.
@@ -65,7 +65,7 @@ impl Search<'_> {
             self.stopped = true;
             return Ok(false);
         }
-        let fitted = self.fitted_with_everything(&tried)?;
+        let fitted = self.fitted_with_everything(&tried);
         for (place, judged) in &fitted {
             let fall = self.best.score.fall_to(&judged.score);
             let one = &mut tried[*place].one;
@@ -82,12 +82,11 @@ impl Search<'_> {
             };
         }
         let enough = fitted.into_iter().filter(|(_, judged)| self.needs(judged, &self.best));
-        let best =
-            enough.reduce(
-                |best, other| {
-                    if self.is_preferred(&other, &best, &tried) { other } else { best }
-                },
-            );
+        let better = |best, other| match self.is_preferred(&other, &best, &tried) {
+            true => other,
+            false => best,
+        };
+        let best = enough.reduce(better);
         let Some((place, judged)) = best else {
             self.evidence.extend(tried.into_iter().map(|tried| tried.one));
             return Ok(false);
@@ -127,10 +126,7 @@ impl Search<'_> {
     }
 
     /// The strongest candidates fitted with everything that may move, each in its best form.
-    fn fitted_with_everything(
-        &self,
-        tried: &[Candidate],
-    ) -> Result<Vec<(usize, Judged)>, IdentifyError> {
+    fn fitted_with_everything(&self, tried: &[Candidate]) -> Vec<(usize, Judged)> {
         let is_enough = |tried: &&Candidate| tried.one.outcome != Outcome::TooSmall;
         let strongest =
             tried.iter().filter(is_enough).map(|tried| tried.one.fall).fold(0.0, f64::max);
@@ -141,9 +137,10 @@ impl Search<'_> {
             .collect();
         close.sort_by(|a, b| tried[*b].one.fall.total_cmp(&tried[*a].one.fall));
         close.truncate(MOST_FITTED);
-        let close_errors = close.clone().into_iter().map(|place| tried[place].one.errors);
+        let left = close.iter().map(|place| tried[*place].one.errors.train());
+        let effort = self.on_the_way(left.fold(f64::INFINITY, f64::min));
         let mut starts: Vec<(usize, Hypothesis)> = Vec::new();
-        for place in close.iter().copied() {
+        for place in close {
             let Candidate { with, forms, .. } = &tried[place];
             let forms = forms.iter().map(|form| &form.hypothesis);
             // What came together has no other form.
@@ -161,8 +158,6 @@ impl Search<'_> {
             }
         }
         let hypotheses: Vec<Hypothesis> = starts.iter().map(|(_, start)| start.clone()).collect();
-        let left = close_errors.map(|errors| errors.train()).fold(f64::INFINITY, f64::min);
-        let effort = self.on_the_way(left);
         let fitted = race(&hypotheses, self.train, Sides::BOTH, effort, WITHIN);
         let places = starts.iter().map(|(place, _)| *place);
         let fitted: Vec<(usize, Fitted)> =
@@ -173,7 +168,7 @@ impl Search<'_> {
         fitted
             .into_par_iter()
             .filter(|(_, one)| one.squares() <= worth)
-            .filter_map(|(place, fitted)| Some(Ok((place, self.judged(fitted).ok()?))))
+            .filter_map(|(place, fitted)| Some((place, self.judged(fitted).ok()?)))
             .collect()
     }
 
@@ -356,10 +351,10 @@ impl Search<'_> {
         Ok(Candidate { one, with, forms })
     }
 
-    /// Whether what a candidate takes out is more than as many parameters take by chance, in more
-    /// than one place of the train record, and is there in the hold-out with everything else as it
-    /// is beside it. A bump that is as narrow as can be, at the place where the stage rested once,
-    /// takes out whatever was missing during that rest, and lets the guides go where they fit the
+    /// Whether the gain of a candidate is more than as many parameters gain by chance, in more than
+    /// one place of the train record, and remains on the hold-out with everything else unchanged.
+    /// A bump that is as narrow as can be, at the place where the stage rested once, explains
+    /// whatever was missing during that rest, and lets the guides move to where they fit the
     /// hold-out better.
     fn shows_by_itself(
         &self,

@@ -1,5 +1,4 @@
-//! Where a search stands: the best hypothesis so far with its errors, and how two hypotheses
-//! compare.
+//! State of a search: the best hypothesis so far and the evidence for it.
 
 use friction_stage_core::plant::Side;
 
