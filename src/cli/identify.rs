@@ -24,7 +24,7 @@ use friction_stage_identify::{
 };
 use friction_stage_report::identification::{
     identification_figures, identification_page, identification_summary, identification_text,
-    identified_model_file, next_experiment_lines,
+    identified_model_file, next_experiment_lines, usable_model_file,
 };
 use friction_stage_report::words::records_error;
 
@@ -103,6 +103,8 @@ pub struct IdentifyArgs {
 
 /// Name of the identified model in the output directory.
 const MODEL_FILE: &str = "identified.yaml";
+/// Name of the model with laws that explain a part only.
+const PARTIAL_MODEL_FILE: &str = "partial.yaml";
 
 fn share(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| format!("`{text}` is no number"))?;
@@ -197,7 +199,19 @@ pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
         // That of an earlier identification is not this one's.
         let _ = std::fs::remove_file(args.out.join(next::FILE));
     }
-    let model = identified_model_file(&found.model, &summary)?;
+    let model = match &found.partial {
+        Some(partial) => {
+            let model = identified_model_file(partial, &summary)?;
+            let signed = made_by::signed(PARTIAL_MODEL_FILE, &model);
+            write(&args.out.join(PARTIAL_MODEL_FILE), &signed)?;
+            usable_model_file(&found.model, &summary, PARTIAL_MODEL_FILE)?
+        }
+        None => {
+            // That of an earlier identification is not this one's.
+            let _ = std::fs::remove_file(args.out.join(PARTIAL_MODEL_FILE));
+            identified_model_file(&found.model, &summary)?
+        }
+    };
     write(&args.out.join(MODEL_FILE), &made_by::signed(MODEL_FILE, &model))?;
     for figure in &figures {
         let name = format!("{}.svg", figure.name);

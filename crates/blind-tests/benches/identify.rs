@@ -556,10 +556,26 @@ impl Session<'_> {
                 mean(&|report| report.seconds),
             );
         }
+        self.coverage();
         if matches!(self.arguments.what, What::Power { .. }) {
             self.curves();
         }
         Ok(())
+    }
+
+    /// Per parameter of the laws that were named: how many of the 95 % intervals hold the truth.
+    fn coverage(&self) {
+        let mut parameters: BTreeMap<&str, (usize, usize)> = BTreeMap::new();
+        let named = self.reports.iter().filter(|report| report.right);
+        for (name, deviation) in named.flat_map(|report| &report.deviations) {
+            let (held, all) = parameters.entry(name.as_str()).or_default();
+            *held += usize::from(deviation.abs() <= TWO_SIDED_95);
+            *all += 1;
+        }
+        println!("\nintervals that hold the truth");
+        for (name, (held, all)) in parameters {
+            println!("{name:44} {held:4} of {all}");
+        }
     }
 
     /// Per effect: shares that are detected and named over the size, the size at which half are

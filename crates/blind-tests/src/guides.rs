@@ -61,7 +61,7 @@ impl Guide {
 
     /// g(v) of the law above, N, under `change`.
     fn sliding_force(&self, v: f64, change: &Change) -> f64 {
-        let ratio = (v / self.stribeck_velocity).powi(2);
+        let ratio = (change.sliding_velocity.unwrap_or(v) / self.stribeck_velocity).powi(2);
         // exp(-36) is below the rounding of the sum.
         let above = if ratio > 36.0 { 0.0 } else { (-ratio).exp() };
         let static_force = self.static_force * (1.0 + change.static_rise);
@@ -83,11 +83,13 @@ pub struct Change {
     pub static_rise: f64,
     /// Factor on sigma2.
     pub viscous: f64,
+    /// Velocity at which g is evaluated in place of v, m/s.
+    pub sliding_velocity: Option<f64>,
 }
 
 impl Default for Change {
     fn default() -> Self {
-        Self { level: 1.0, static_rise: 0.0, viscous: 1.0 }
+        Self { level: 1.0, static_rise: 0.0, viscous: 1.0, sliding_velocity: None }
     }
 }
 

@@ -1,7 +1,8 @@
 //! The true stage: carriage, guides and hidden effects as one set of ordinary differential
 //! equations, integrated by the classical Runge-Kutta method of fourth order (Kutta 1901) with
 //! fixed steps; a step in which the velocity changes its sign is divided there, because |v| has a
-//! kink.
+//! kink, and one in which a contact opens or closes is divided shortly before and after that,
+//! because its force jumps.
 //!
 //! State: x, v, the bristles, the bristles of the shadows, the states of the effects. A shadow is
 //! the friction law with one of the hidden effects left out, driven by the same motion; the
@@ -13,6 +14,9 @@ use super::noise::Noise;
 
 /// Largest product of step and decay rate of a bristle; the method is stable to 2.78.
 const STIFFEST: f64 = 1.2;
+/// How far before and after a touch a step is divided, as a share of it: more than a secant misses
+/// the instant by.
+const SLIVER: f64 = 0.01;
 
 /// A friction law with the effects that it knows.
 #[derive(Debug, Clone)]
@@ -152,12 +156,12 @@ impl Stage {
                 friction_force = force;
             }
         }
-        let drive = Drive { friction_power: friction_force * now.v };
         let mut motor_force = now.held(0.0);
         for &index in &self.chain {
             motor_force =
                 self.effects[index].motor(&now, motor_force, self.states_of(index, state));
         }
+        let drive = Drive { friction_power: friction_force * now.v, motor_force };
         let mut force = motor_force - friction_force;
         for (index, effect) in self.effects.iter().enumerate() {
             let own = self.states_of(index, state);
@@ -230,6 +234,25 @@ impl Stage {
         edges
     }
 
+    /// Instants at which to divide a step of length `h` from the state in `work[0]` to that in
+    /// `work[4]`, s since its start, in order.
+    fn divisions(&self, work: &[Vec<f64>; 5], time: f64, since: f64, h: f64) -> Vec<f64> {
+        let zero = |before: f64, after: f64| {
+            (before * after < 0.0).then_some(h * before / (before - after))
+        };
+        let (from, to) = (&work[0], &work[4]);
+        let mut divisions: Vec<f64> = zero(from[1], to[1]).into_iter().collect();
+        let (start, end) = (self.now(time, since, from), self.now(time + h, since, to));
+        let touches = self.effects.iter().enumerate().filter_map(|(index, effect)| {
+            let before = effect.touch(&start, self.states_of(index, from))?;
+            zero(before, effect.touch(&end, self.states_of(index, to))?)
+        });
+        divisions
+            .extend(touches.flat_map(|at| [(at - SLIVER * h).max(0.0), (at + SLIVER * h).min(h)]));
+        divisions.sort_by(f64::total_cmp);
+        divisions
+    }
+
     /// Holds a command (N) for one interval.
     pub fn advance(&mut self, command: f64, noise: &mut Noise) {
         self.commands.rotate_right(1);
@@ -242,12 +265,15 @@ impl Stage {
             let middle = since + 0.5 * h;
             let time = start + since;
             self.runge_kutta(&mut work, time, middle, h);
-            let (before, after) = (work[0][1], work[4][1]);
-            if before * after < 0.0 {
-                let first = h * before / (before - after);
-                self.runge_kutta(&mut work, time, middle, first);
+            let divisions = self.divisions(&work, time, middle, h);
+            let mut from = 0.0;
+            for &to in &divisions {
+                self.runge_kutta(&mut work, time + from, middle, to - from);
                 work.swap(0, 4);
-                self.runge_kutta(&mut work, time + first, middle, h - first);
+                from = to;
+            }
+            if !divisions.is_empty() {
+                self.runge_kutta(&mut work, time + from, middle, h - from);
             }
             work.swap(0, 4);
         }
@@ -308,7 +334,7 @@ impl Stage {
         let now = self.now(self.time, self.tick, &self.state);
         for (index, effect) in self.effects.iter().enumerate() {
             encoder[index] = effect.encoder(&now);
-            cell[index] = effect.cell(&now, motor_force);
+            cell[index] = effect.cell(&now, motor_force, self.states_of(index, &self.state));
         }
     }
 }

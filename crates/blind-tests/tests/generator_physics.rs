@@ -4,9 +4,10 @@
 use std::path::Path;
 
 use blind_tests::effects::{
-    ActuatorLag, AsymmetricFriction, CATALOGUE, CableChain, Cogging, ConstantForce, DeadZone,
-    EncoderCyclicError, EncoderSde, ForceCellDrift, HardeningSpring, LISTED, MotorDroop, MotorGain,
-    MotorSaturation, Payload, by_name, composition,
+    ActuatorLag, AsymmetricFriction, Backlash, CATALOGUE, CableChain, Cogging, ConstantForce,
+    DeadZone, EncoderCyclicError, EncoderSde, ForceCellDrift, FrictionDrift, FrictionalLag,
+    HardeningSpring, LISTED, LoadDependentFriction, MotorDroop, MotorGain, MotorSaturation,
+    Payload, SpeedRipple, by_name, composition,
 };
 use blind_tests::guides::{Change, Elements, GUIDES, Slip};
 use blind_tests::noise::Noise;
@@ -300,6 +301,7 @@ fn twice_the_effect_is_twice_the_force() {
         "ball_passage",
         "dead_zone",
         "hardening_spring",
+        "speed_ripple",
     ] {
         let effect = by_name(name, 4).unwrap();
         let ratio = size(effect.scaled(2.0)) / size(effect.clone());
@@ -348,6 +350,119 @@ fn asymmetric_friction_has_the_same_sign_in_both_directions() {
         }
     }
     assert!(directions.iter().all(|&rows| rows > 20), "{directions:?}");
+}
+
+/// Where the speed is held, the effect adds `share` of the Coulomb part of all guides, at a time
+/// (s) and a command (N).
+fn coulomb_part_of(effect: impl Into<Effect>, share: impl Fn(f64, f64) -> f64) {
+    let (columns, truth) = check_record(8, effect);
+    let coulomb: f64 = guides(8).iter().map(|g| g.coulomb_force).sum();
+    let mut directions = [0; 2];
+    for k in 2..columns.time.len() {
+        let v = truth.velocity[k];
+        // The bristles need some intervals to follow another command.
+        let is_steady = (columns.force[k - 1] - columns.force[k - 2]).abs() < 0.3;
+        if v.abs() > 0.05 && truth.acceleration[k].abs() < 0.05 && is_steady {
+            let expected = -share(columns.time[k], columns.force[k - 1]) * coulomb * v.signum();
+            let force = truth.hidden[0].force[k];
+            assert!(
+                (force - expected).abs() < 0.05,
+                "row {k} at {v} m/s: {force} N, expected {expected} N"
+            );
+            directions[usize::from(v > 0.0)] += 1;
+        }
+    }
+    assert!(directions.iter().all(|&rows| rows > 20), "{directions:?}");
+}
+
+#[test]
+fn friction_grows_with_command_and_time() {
+    coulomb_part_of(LoadDependentFriction { rate: 1e-3 }, |_, u| 1e-3 * u.abs());
+    coulomb_part_of(FrictionDrift { fraction: -0.2, time_constant: 5.0 }, |t, _| {
+        -0.2 * (1.0 - (-t / 5.0).exp())
+    });
+}
+
+#[test]
+fn late_stribeck_curve_is_that_of_another_velocity_until_the_speed_is_held() {
+    // Of a bristle that has settled at g(0) = Fs.
+    let (guide, v) = (Guide::NOMINAL, 0.1);
+    let change = Change { sliding_velocity: Some(0.0), ..Change::default() };
+    let z = [guide.static_force / guide.stiffness; GUIDES];
+    let mut rate = [1.0; GUIDES];
+    let force = Elements::single().force(&[guide; GUIDES], v, &change, &z, &mut rate);
+    assert!((force - 4.0 * (guide.static_force + guide.viscous * v)).abs() < 1e-9, "{force} N");
+    assert!(rate.iter().all(|rate| rate.abs() < 1e-12), "{rate:?}");
+    // The record has both signs of the difference, and none at speed.
+    let (_, truth) = check_record(8, FrictionalLag { time_constant: 0.01 });
+    let (mut more, mut less) = (0.0f64, 0.0f64);
+    for (force, v) in truth.hidden[0].force.iter().zip(&truth.velocity) {
+        if v.abs() > 1e-3 {
+            more = more.max(-force * v.signum());
+            less = less.min(-force * v.signum());
+        }
+    }
+    assert!(more > 1.0 && less < -1.0, "{more} N, {less} N");
+    let held = (200..truth.velocity.len()).filter(|&k| {
+        let past = &truth.velocity[k - 200..=k];
+        past.iter().all(|v| v.abs() > 0.03 && v.signum() == past[0].signum())
+    });
+    let at_speed: Vec<f64> = held.map(|k| truth.hidden[0].force[k].abs()).collect();
+    assert!(at_speed.len() > 200, "{} rows", at_speed.len());
+    assert!(at_speed.iter().all(|force| *force < 0.01));
+}
+
+#[test]
+fn speed_ripple_is_a_damping_that_varies_along_the_track() {
+    for odd in [true, false] {
+        let ripple = SpeedRipple { coefficient: 30.0, period: 0.02, phase: 0.4, odd };
+        let (columns, truth) = check_record(8, ripple);
+        for k in 1..columns.time.len() {
+            let (x, v) = (truth.position[k], truth.velocity[k]);
+            let speed = if odd { v } else { v.abs() };
+            let expected = 30.0 * speed * (std::f64::consts::TAU * x / 0.02 - 0.4).cos();
+            let force = columns.force_cell[k] - columns.force[k - 1];
+            assert!((force - expected).abs() < 1e-9, "row {k}: {force} N, expected {expected} N");
+        }
+    }
+}
+
+/// Pushed with 400 N from rest, the carriage is lighter by a part with play until it has travelled
+/// half the play; later the part moves with it.
+#[test]
+fn part_with_play_is_missing_until_a_stop_takes_it_along() {
+    let part = Backlash { mass: 2.0, play: 2e-4, frequency: 100.0, damping: 0.2 };
+    let motion = |step: f64| {
+        let mut stage = nominal(vec![part.clone().into()], step);
+        let mut noise = Noise::new(0, 0);
+        (0..200)
+            .map(|_| {
+                stage.advance(400.0, &mut noise);
+                let mut forces = [0.0];
+                (stage.moment(&mut forces), forces[0])
+            })
+            .collect::<Vec<_>>()
+    };
+    let rows = motion(STEP);
+    let free = rows.iter().take_while(|(row, _)| row.position < 1e-4);
+    let mut apart = 0;
+    for (row, force) in free {
+        assert!((force - 2.0 * row.acceleration).abs() < 1e-9, "{row:?}: {force} N");
+        apart += 1;
+    }
+    assert!(apart > 5, "{apart} rows");
+    // A stop never pulls, and pushes at first by more than what moves the part.
+    assert!(rows.iter().all(|(row, force)| force - 2.0 * row.acceleration < 1e-9));
+    assert!(rows.iter().any(|(row, force)| *force < -row.acceleration));
+    for (row, force) in &rows[180..] {
+        assert!(force.abs() < 0.02 * row.acceleration, "{row:?}: {force} N");
+    }
+    let worst = motion(2e-6)
+        .iter()
+        .zip(&rows)
+        .map(|(fine, row)| (fine.0.position - row.0.position).abs())
+        .fold(0.0, f64::max);
+    assert!(worst < 4e-10, "{worst} m");
 }
 
 #[test]

@@ -228,6 +228,11 @@ pub enum IdentifyFinding {
         /// Where it sits.
         location: ResidualLocation,
     },
+    /// Laws that explain a part only: the identified model does not have them.
+    PartialLaws {
+        /// Their names.
+        effects: Vec<&'static str>,
+    },
     /// No more laws are added.
     MostLaws {
         /// How many are.
@@ -339,6 +344,7 @@ impl IdentifyFinding {
             Self::WanderingZero { .. } => "wandering_zero",
             Self::RoughLaws { .. } => "rough_laws",
             Self::ResidualLocation { .. } => "residual_location",
+            Self::PartialLaws { .. } => "partial_laws",
             Self::MostLaws { .. } => "most_laws",
             Self::AtBound { .. } => "at_bound",
             Self::NotIdentifiable { .. } => "not_identifiable",

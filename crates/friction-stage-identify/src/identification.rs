@@ -59,8 +59,11 @@ pub struct LoopErrors {
 pub struct Identification {
     /// What the search found.
     pub selection: Selection,
-    /// The declared model with the effects that it lacked, refitted.
+    /// The declared model with the effects that it lacked, refitted; without laws that explain a
+    /// part only.
     pub model: StageModel,
+    /// The same with these, where there are any.
+    pub partial: Option<StageModel>,
     /// Closed-loop position errors, where the loop can be simulated.
     pub loops: Option<LoopErrors>,
     /// What a user should know.
@@ -82,7 +85,9 @@ impl Identification {
         let (train, holdout) = (&records.train.measured, &records.holdout.measured);
         let selection = search(declared, tolerances, train, holdout, watch)?;
         let identified = &selection.after.fitted.hypothesis;
-        let model = identified.model();
+        let model = selection.usable.model();
+        let laws = selection.partial_laws();
+        let partial = (!laws.is_empty()).then(|| identified.model());
         let mut findings = records.findings.clone();
         for (record, measured) in [(RecordSide::Train, train), (RecordSide::Holdout, holdout)] {
             let (share, count) = (measured.hidden_rest_share, measured.count);
@@ -104,11 +109,15 @@ impl Identification {
             }
         };
         findings.extend(of_search(&selection, train.rate));
+        if partial.is_some() {
+            findings.push(IdentifyFinding::PartialLaws { effects: laws });
+        }
         findings.extend(moved_ripples(&selection, records)?);
         findings.extend(residual_locations(&selection, records)?);
         let mut identification = Identification {
             selection,
             model,
+            partial,
             loops,
             findings,
             next: None,
@@ -117,6 +126,11 @@ impl Identification {
         let worse = identification.summary(records, "", &|_| String::new()).worse();
         identification.findings.extend(worse);
         Ok(identification)
+    }
+
+    /// The model with all that was found.
+    pub fn found_model(&self) -> &StageModel {
+        self.partial.as_ref().unwrap_or(&self.model)
     }
 
     /// The declared model.
@@ -269,7 +283,8 @@ fn of_search(selection: &Selection, rate: f64) -> Vec<IdentifyFinding> {
         findings.push(IdentifyFinding::LeftOpen { left, noise_floor, open });
     }
     findings.extend(other_bristles(selection, rate));
-    if selection.verdict == Verdict::Unknown && coordinate.is_none() && !selection.stopped {
+    let is_something = coordinate.is_none() && !selection.at_bound && !selection.stopped;
+    if selection.verdict == Verdict::Unknown && is_something {
         findings.push(IdentifyFinding::Unexplained { left, noise_floor });
     }
     let more_than_noise = left > Criteria::USUAL.noise_like * noise_floor;

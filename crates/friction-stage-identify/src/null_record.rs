@@ -21,7 +21,6 @@ use crate::residual::driven::holding;
 use friction_stage_core::model::ModelError;
 use friction_stage_core::numerics::range;
 use friction_stage_core::plant::Body;
-use friction_stage_core::plant::effects::Effects;
 
 /// Longest step of the simulation, s.
 const LONGEST_STEP: f64 = 25e-6;
@@ -103,9 +102,8 @@ impl Hypothesis {
             }
             body => body?,
         };
-        let sensors = Effects::new(&model.effects)?;
         let start = measured.position[0];
-        let reads_too_much = sensors.read(0.0, start, 0.0).0 - start;
+        let reads_too_much = body.effects().read(0.0, start, 0.0).0 - start;
         body.set_state(start - reads_too_much, 0.0, &holding(&self.guides(), held));
         let mut noise = SensorNoise::new(self, measured, seed);
         let shift = self.sensor_shift() * dt;
@@ -116,7 +114,7 @@ impl Hypothesis {
             // Before the first interval the motor has held what it begins with.
             let force = if k == 0 { held } else { body.cell_force() };
             let at = body.position() + shift * body.velocity();
-            let (read, cell_read) = sensors.read(measured.time[k], at, force);
+            let (read, cell_read) = body.effects().read(measured.time[k], at, force);
             let read = noise.of_encoder(read);
             position.push(read);
             cell.push(noise.of_cell(cell_read));

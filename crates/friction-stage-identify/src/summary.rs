@@ -564,10 +564,7 @@ pub(crate) fn parameter_findings(estimate: &Estimate, rate: f64) -> Vec<Identify
             ParameterId::Nominal(_) => deviation_of_alike(estimate, index),
             _ => estimate.deviation(index),
         };
-        let nothing = matches!(coordinate.id, ParameterId::Effect { .. })
-            && lower == 0.0
-            && value < 1e-3 * coordinate.scale;
-        if estimate.fitted.at_bound[index] && nothing {
+        if estimate.fitted.at_bound[index] && coordinate.has_come_to_nothing() {
             // A term of the law that is not there is no doubt about the others.
             continue;
         } else if estimate.fitted.at_bound[index] {

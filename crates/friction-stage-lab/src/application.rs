@@ -423,6 +423,7 @@ impl GuideTolerances {
             coulomb_force: static_force * ratio.min(1.0),
             static_force,
             stribeck_velocity,
+            stribeck_exponent: nominal.stribeck_exponent,
             damping_velocity: nominal.damping_velocity,
         }
     }

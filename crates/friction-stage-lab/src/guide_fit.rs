@@ -225,6 +225,7 @@ pub fn fit_guide(
         coulomb_force: rough_level,
         static_force: rough_level,
         stribeck_velocity: 1.0,
+        stribeck_exponent: None,
         damping_velocity: None,
     };
     let misfit = |guide: &Guide| -> f64 {
@@ -286,6 +287,7 @@ impl Shape {
             coulomb_force,
             static_force: if self.falls { coulomb_force + p[7].exp() } else { coulomb_force },
             stribeck_velocity: if self.falls { p[8].exp() } else { UNUSED_STRIBECK_VELOCITY },
+            stribeck_exponent: None,
             damping_velocity: None,
         }
     }
@@ -443,6 +445,7 @@ impl GuideFit {
             stribeck_velocity: self
                 .stribeck_velocity
                 .map_or(UNUSED_STRIBECK_VELOCITY, |fitted| fitted.value),
+            stribeck_exponent: None,
             damping_velocity: None,
         }
     }

@@ -148,6 +148,7 @@ impl ElementGuide {
             coulomb_force: self.coulomb_force,
             static_force,
             stribeck_velocity: self.stribeck_velocity,
+            stribeck_exponent: None,
             damping_velocity: None,
         };
         (guide, effect)

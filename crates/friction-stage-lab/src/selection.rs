@@ -472,6 +472,7 @@ impl NumberedPlan for SelectionPlan {
                 coulomb_force: number(9),
                 static_force: number(10),
                 stribeck_velocity: number(11),
+                stribeck_exponent: None,
                 damping_velocity: None,
             },
         })

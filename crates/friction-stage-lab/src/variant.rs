@@ -233,6 +233,7 @@ fn mean(guides: &[Guide]) -> Guide {
         coulomb_force: of(|guide| guide.coulomb_force),
         static_force: of(|guide| guide.static_force),
         stribeck_velocity: of(|guide| guide.stribeck_velocity),
+        stribeck_exponent: guides[0].stribeck_exponent,
         damping_velocity: guides[0].damping_velocity,
     }
 }

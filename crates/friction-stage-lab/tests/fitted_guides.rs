@@ -32,6 +32,7 @@ fn random_guide(seed: u64) -> Guide {
         coulomb_force,
         static_force: coulomb_force * random.random_range(1.1..1.4),
         stribeck_velocity,
+        stribeck_exponent: None,
         damping_velocity: None,
     }
 }

@@ -45,6 +45,7 @@ impl Case {
             coulomb_force: 1e9,
             static_force: 1e9,
             stribeck_velocity: 1.0,
+            stribeck_exponent: None,
             damping_velocity: None,
         };
         let lag = [("time_constant", self.motor_lag)];

@@ -11,7 +11,7 @@ use friction_stage_identify::{
 };
 use friction_stage_report::identification::{
     identification_figures, identification_page, identification_summary, identification_text,
-    identified_model_file,
+    identified_model_file, usable_model_file,
 };
 use friction_stage_report::words::records_error;
 use pyo3::prelude::*;
@@ -24,6 +24,8 @@ use crate::waiting::{Caller, wait_for_on};
 
 /// Name of the identified model among the files of a verdict.
 const MODEL_FILE: &str = "identified.yaml";
+/// Name of the model with laws that explain a part only.
+const PARTIAL_MODEL_FILE: &str = "partial.yaml";
 
 impl Watch for Caller {
     fn progress(&self, what: &str, share: f64) {
@@ -124,12 +126,30 @@ impl Identified {
     /// The text of `identified.yaml`.
     fn model_file(&self) -> PyResult<String> {
         let summary = identification_summary(&self.found, &self.records, MODEL_FILE);
-        identified_model_file(&self.found.model, &summary).map_err(|e| Identified::failed(&e))
+        let model = &self.found.model;
+        let text = match &self.found.partial {
+            Some(_) => usable_model_file(model, &summary, PARTIAL_MODEL_FILE),
+            None => identified_model_file(model, &summary),
+        };
+        text.map_err(|e| Identified::failed(&e))
+    }
+
+    /// The text of `partial.yaml`; none where there is no such file.
+    fn partial_model_file(&self) -> PyResult<Option<String>> {
+        let summary = identification_summary(&self.found, &self.records, MODEL_FILE);
+        let text = |partial| identified_model_file(partial, &summary);
+        let text = self.found.partial.as_ref().map(text).transpose();
+        text.map_err(|e| Identified::failed(&e))
     }
 
     #[getter]
     fn model(&self) -> Model {
         Model(self.found.model.clone())
+    }
+
+    #[getter]
+    fn partial_model(&self) -> Option<Model> {
+        self.found.partial.clone().map(Model)
     }
 
     /// What the command line prints.

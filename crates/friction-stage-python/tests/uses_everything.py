@@ -62,6 +62,8 @@ def recordings(trace: fs.Trace, directory: Path) -> fs.Verdict:
     parameters: dict[str, fs.Parameter] = verdict.declared_parameters
     texts: list[str] = [verdict.verdict, verdict.report_html(), *verdict.warnings]
     motion: fs.Motion | None = verdict.next_motion
+    partial: fs.Model | None = verdict.partial_model
+    assert verdict.verdict == "unknown" or partial is None
     assert effects and parameters and texts and motion
     verdict.save(directory)
     return verdict

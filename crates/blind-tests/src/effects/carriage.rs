@@ -337,3 +337,75 @@ impl Law for HardeningSpring {
         self.hardening * (self.center - now.x).powi(3)
     }
 }
+
+/// A part of the mass that the carriage carries with play: between two stops it is free, and each
+/// stop pushes with a spring and a damper and never pulls. With d = x2 - x, F = k (d - w) + c (v2 -
+/// v) >= 0 where d > w, F = k (d + w) + c (v2 - v) <= 0 where d < -w, else 0; m2 x2'' = -F.
+#[derive(Debug, Clone)]
+pub struct Backlash {
+    /// m2, kg: taken from the mass of the carriage, so that the total is the same.
+    pub mass: f64,
+    /// 2 w, m.
+    pub play: f64,
+    /// sqrt(k/m2)/2 pi, Hz.
+    pub frequency: f64,
+    /// c/(2 sqrt(k m2)).
+    pub damping: f64,
+}
+
+impl Backlash {
+    /// 1 to 6 kg with 20 to 400 µm of play, on stops of 60 to 200 Hz with 10 to 30 % damping.
+    pub fn draw(noise: &mut Noise) -> Effect {
+        Box::new(Self {
+            mass: noise.log_between(1.0, 6.0),
+            play: noise.log_between(20e-6, 400e-6),
+            frequency: noise.log_between(60.0, 200.0),
+            damping: noise.between(0.1, 0.3),
+        })
+    }
+
+    fn push(&self, now: &Now<'_>, state: &[f64]) -> f64 {
+        let (half, w) = (0.5 * self.play, TAU * self.frequency);
+        let stretch = state[0] - now.x;
+        let depth = stretch - stretch.clamp(-half, half);
+        let force = self.mass * (w * w * depth + 2.0 * self.damping * w * (state[1] - now.v));
+        if depth > 0.0 {
+            force.max(0.0)
+        } else if depth < 0.0 {
+            force.min(0.0)
+        } else {
+            0.0
+        }
+    }
+}
+
+impl Law for Backlash {
+    identity!("backlash", Carriage);
+    fn parameters(&self) -> Vec<(&'static str, f64)> {
+        vec![
+            ("mass", self.mass),
+            ("play", self.play),
+            ("frequency", self.frequency),
+            ("damping", self.damping),
+        ]
+    }
+    fn scaled(&self, factor: f64) -> Effect {
+        Box::new(Self { mass: factor * self.mass, ..self.clone() })
+    }
+    fn added_mass(&self) -> f64 {
+        -self.mass
+    }
+    fn states(&self) -> usize {
+        2
+    }
+    fn rate(&self, now: &Now<'_>, _drive: &Drive, state: &[f64], rate: &mut [f64]) {
+        rate[0] = state[1];
+        rate[1] = -self.push(now, state) / self.mass;
+    }
+    fn carriage(&self, now: &Now<'_>, state: &[f64]) -> f64 {
+        self.push(now, state)
+    }
+    fn touch(&self, now: &Now<'_>, state: &[f64]) -> Option<f64> {
+        Some((state[0] - now.x).abs() - 0.5 * self.play)
+    }
+}

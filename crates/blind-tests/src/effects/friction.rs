@@ -248,3 +248,120 @@ impl Law for ViscousWarmUp {
         change.viscous *= 1.0 - self.fraction * (1.0 - (-state[0] / self.work).exp());
     }
 }
+
+/// Dry friction that grows with the load of the drive: Fc and Fs times 1 + c |u|, u the command
+/// (Hamon, Gautier, Garrec 2010).
+#[derive(Debug, Clone)]
+pub struct LoadDependentFriction {
+    /// c, 1/N.
+    pub rate: f64,
+}
+
+impl LoadDependentFriction {
+    /// 2 to 15 % at 100 N.
+    pub fn draw(noise: &mut Noise) -> Effect {
+        Box::new(Self { rate: noise.log_between(2e-4, 1.5e-3) })
+    }
+}
+
+impl Law for LoadDependentFriction {
+    identity!("load_dependent_friction", Carriage);
+    // The library has the law, and its search does not add it.
+    fn listed(&self) -> bool {
+        false
+    }
+    fn coordinate(&self) -> Option<&'static str> {
+        Some("force")
+    }
+    fn parameters(&self) -> Vec<(&'static str, f64)> {
+        vec![("rate", self.rate)]
+    }
+    fn scaled(&self, factor: f64) -> Effect {
+        Box::new(Self { rate: factor * self.rate })
+    }
+    fn changes_friction(&self) -> bool {
+        true
+    }
+    fn friction(&self, now: &Now<'_>, _state: &[f64], change: &mut Change) {
+        change.level *= 1.0 + self.rate * now.held(0.0).abs();
+    }
+}
+
+/// Friction that settles at another level in the course of a record, whatever the motion: Fc and Fs
+/// times 1 + f (1 - exp(-t/T)) (assumed). Each record starts alike.
+#[derive(Debug, Clone)]
+pub struct FrictionDrift {
+    /// f.
+    pub fraction: f64,
+    /// T, s.
+    pub time_constant: f64,
+}
+
+impl FrictionDrift {
+    /// 6 to 25 %, up or down, over 1.5 to 12 s.
+    pub fn draw(noise: &mut Noise) -> Effect {
+        Box::new(Self {
+            fraction: noise.sign() * noise.log_between(0.06, 0.25),
+            time_constant: noise.log_between(1.5, 12.0),
+        })
+    }
+}
+
+impl Law for FrictionDrift {
+    identity!("friction_drift", Carriage);
+    fn parameters(&self) -> Vec<(&'static str, f64)> {
+        vec![("fraction", self.fraction), ("time_constant", self.time_constant)]
+    }
+    fn scaled(&self, factor: f64) -> Effect {
+        Box::new(Self { fraction: factor * self.fraction, ..self.clone() })
+    }
+    fn changes_friction(&self) -> bool {
+        true
+    }
+    fn friction(&self, now: &Now<'_>, _state: &[f64], change: &mut Change) {
+        change.level *= 1.0 + self.fraction * (1.0 - (-now.time / self.time_constant).exp());
+    }
+}
+
+/// Stribeck curve that follows the velocity late: g(w) in place of g(v), dw/dt = (v - w)/T (a lag
+/// as Hess and Soom 1990 measured it, here of first order; Armstrong-Helouvry, Dupont, Canudas de
+/// Wit 1994).
+#[derive(Debug, Clone)]
+pub struct FrictionalLag {
+    /// T, s; one below `SHORTEST` is none.
+    pub time_constant: f64,
+}
+
+impl FrictionalLag {
+    /// Shortest lag that the integrator follows, s: half a step.
+    const SHORTEST: f64 = 10e-6;
+
+    /// 3 to 30 ms.
+    pub fn draw(noise: &mut Noise) -> Effect {
+        Box::new(Self { time_constant: noise.log_between(3e-3, 30e-3) })
+    }
+}
+
+impl Law for FrictionalLag {
+    identity!("frictional_lag", Carriage);
+    fn parameters(&self) -> Vec<(&'static str, f64)> {
+        vec![("time_constant", self.time_constant)]
+    }
+    fn scaled(&self, factor: f64) -> Effect {
+        Box::new(Self { time_constant: factor * self.time_constant })
+    }
+    fn states(&self) -> usize {
+        usize::from(self.time_constant >= Self::SHORTEST)
+    }
+    fn rate(&self, now: &Now<'_>, _drive: &Drive, state: &[f64], rate: &mut [f64]) {
+        if let ([late], [rate]) = (state, rate) {
+            *rate = (now.v - *late) / self.time_constant;
+        }
+    }
+    fn changes_friction(&self) -> bool {
+        true
+    }
+    fn friction(&self, _now: &Now<'_>, state: &[f64], change: &mut Change) {
+        change.sliding_velocity = state.first().copied();
+    }
+}

@@ -13,19 +13,22 @@ mod sensor;
 mod unlisted;
 
 pub use carriage::{
-    BallPassage, CableChain, ConstantForce, ExternalVibration, HardeningSpring, Payload,
+    Backlash, BallPassage, CableChain, ConstantForce, ExternalVibration, HardeningSpring, Payload,
     QuadraticDrag, StructuralMode,
 };
 pub use friction::{
-    AsymmetricFriction, DistributedBristles, PositionDependentFriction, Shape, StictionAging,
-    ViscousWarmUp,
+    AsymmetricFriction, DistributedBristles, FrictionDrift, FrictionalLag, LoadDependentFriction,
+    PositionDependentFriction, Shape, StictionAging, ViscousWarmUp,
 };
 pub use motor::{
     ActuatorLag, Cogging, DeadZone, ForceRipple, MotorDroop, MotorGain, MotorSaturation,
+    SpeedRipple,
 };
-pub use sensor::{EncoderCyclicError, EncoderScale, EncoderSde, ForceCellDrift, ForceCellGain};
+pub use sensor::{
+    EncoderCyclicError, EncoderScale, EncoderSde, ForceCellDrift, ForceCellGain, ForceCellLag,
+};
 pub use unlisted::{
-    Backlash, ForceStep, FrictionStep, PayloadStep, PositionVelocity, RailJoint, SaturatingBrake,
+    ForceStep, FrictionStep, LostMotion, PayloadStep, PositionVelocity, RailJoint, SaturatingBrake,
     SealMemory,
 };
 
@@ -77,6 +80,8 @@ impl Now<'_> {
 pub struct Drive {
     /// Power that the guides turn into heat, W.
     pub friction_power: f64,
+    /// Force between motor and carriage, N.
+    pub motor_force: f64,
 }
 
 /// A hidden effect. What is not overridden does nothing.
@@ -138,6 +143,11 @@ pub trait Law: std::fmt::Debug + Send + Sync {
     fn added_mass_now(&self, _now: &Now<'_>) -> f64 {
         0.0
     }
+    /// Positive where it touches the carriage, negative where it does not, for a force that jumps
+    /// there.
+    fn touch(&self, _now: &Now<'_>, _state: &[f64]) -> Option<f64> {
+        None
+    }
     /// Whether [`Self::friction`] or [`Self::elements`] is overridden.
     fn changes_friction(&self) -> bool {
         false
@@ -153,7 +163,7 @@ pub trait Law: std::fmt::Debug + Send + Sync {
         0.0
     }
     /// Error of the force cell, N, at a true force.
-    fn cell(&self, _now: &Now<'_>, _force: f64) -> f64 {
+    fn cell(&self, _now: &Now<'_>, _force: f64, _state: &[f64]) -> f64 {
         0.0
     }
 }
@@ -172,7 +182,7 @@ pub type Draw = fn(&mut Noise) -> Effect;
 
 /// Every effect with the way to draw one of usual size: first those that the library lists, then
 /// the others.
-pub const CATALOGUE: [(&str, Draw); 33] = [
+pub const CATALOGUE: [(&str, Draw); 39] = [
     ("cogging", Cogging::draw),
     ("force_ripple", ForceRipple::draw),
     ("motor_gain", MotorGain::draw),
@@ -198,18 +208,24 @@ pub const CATALOGUE: [(&str, Draw); 33] = [
     ("dead_zone", DeadZone::draw),
     ("hardening_spring", HardeningSpring::draw),
     ("encoder_cyclic_error", EncoderCyclicError::draw),
+    ("friction_drift", FrictionDrift::draw),
+    ("speed_ripple", SpeedRipple::draw),
+    ("backlash", Backlash::draw),
+    ("frictional_lag", FrictionalLag::draw),
+    ("force_cell_lag", ForceCellLag::draw),
     ("rail_joint", RailJoint::draw),
     ("force_step", ForceStep::draw),
     ("friction_step", FrictionStep::draw),
     ("payload_step", PayloadStep::draw),
     ("saturating_brake", SaturatingBrake::draw),
     ("seal_memory", SealMemory::draw),
-    ("backlash", Backlash::draw),
+    ("lost_motion", LostMotion::draw),
     ("position_velocity", PositionVelocity::draw),
+    ("load_dependent_friction", LoadDependentFriction::draw),
 ];
 
 /// Number of effects at the head of [`CATALOGUE`] that the library lists.
-pub const LISTED: usize = 25;
+pub const LISTED: usize = 30;
 
 /// An effect of usual size by name, drawn from a seed.
 pub fn by_name(name: &str, seed: u64) -> Option<Effect> {

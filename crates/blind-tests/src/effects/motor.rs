@@ -270,3 +270,49 @@ impl Law for MotorDroop {
         force * (1.0 - self.coefficient * now.v.abs())
     }
 }
+
+/// Damping that varies along the track: F + c v cos(2 pi x/p - phi), where eddy currents brake
+/// unevenly (odd), or F + c |v| cos(2 pi x/p - phi), where a current loop of finite gain lets the
+/// ripple of the induced voltage through (even; assumed).
+#[derive(Debug, Clone)]
+pub struct SpeedRipple {
+    /// c, N s/m.
+    pub coefficient: f64,
+    /// p, m.
+    pub period: f64,
+    /// phi, rad.
+    pub phase: f64,
+    /// Whether it changes its sign with v.
+    pub odd: bool,
+}
+
+impl SpeedRipple {
+    /// 8 to 60 N s/m at 12 to 32 mm, either law.
+    pub fn draw(noise: &mut Noise) -> Effect {
+        Box::new(Self {
+            coefficient: noise.log_between(8.0, 60.0),
+            period: noise.between(0.012, 0.032),
+            phase: noise.angle(),
+            odd: noise.unit() < 0.5,
+        })
+    }
+}
+
+impl Law for SpeedRipple {
+    identity!("speed_ripple", Motor);
+    fn parameters(&self) -> Vec<(&'static str, f64)> {
+        vec![
+            ("coefficient", self.coefficient),
+            ("period", self.period),
+            ("phase", self.phase),
+            ("odd", f64::from(u8::from(self.odd))),
+        ]
+    }
+    fn scaled(&self, factor: f64) -> Effect {
+        Box::new(Self { coefficient: factor * self.coefficient, ..self.clone() })
+    }
+    fn motor(&self, now: &Now<'_>, force: f64, _state: &[f64]) -> f64 {
+        let speed = if self.odd { now.v } else { now.v.abs() };
+        force + self.coefficient * speed * (TAU * now.x / self.period - self.phase).cos()
+    }
+}

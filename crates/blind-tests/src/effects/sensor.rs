@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use super::super::noise::Noise;
-use super::{Effect, Law, Now, Side, identity};
+use super::{Drive, Effect, Law, Now, Side, identity};
 
 /// Interpolation error of an encoder: d cos(2 pi x/p - phi) + d/4 cos(4 pi x/p), the offset and
 /// gain errors of its two signals (Heydemann 1981).
@@ -92,7 +92,7 @@ impl Law for ForceCellGain {
     fn scaled(&self, factor: f64) -> Effect {
         Box::new(Self { fraction: factor * self.fraction })
     }
-    fn cell(&self, _now: &Now<'_>, force: f64) -> f64 {
+    fn cell(&self, _now: &Now<'_>, force: f64, _state: &[f64]) -> f64 {
         self.fraction * force
     }
 }
@@ -134,7 +134,7 @@ impl Law for ForceCellDrift {
     fn tick(&mut self, now: &Now<'_>, noise: &mut Noise) {
         self.walk += self.wander * now.tick.sqrt() * noise.normal();
     }
-    fn cell(&self, now: &Now<'_>, _force: f64) -> f64 {
+    fn cell(&self, now: &Now<'_>, _force: f64, _state: &[f64]) -> f64 {
         self.rate * now.time + self.walk
     }
 }
@@ -173,5 +173,43 @@ impl Law for EncoderCyclicError {
     }
     fn encoder(&self, now: &Now<'_>) -> f64 {
         self.amplitude * (TAU * now.x / self.period - self.phase).cos()
+    }
+}
+
+/// Lowpass of the cell's amplifier: T dy/dt = F - y, and the cell shows y.
+#[derive(Debug, Clone)]
+pub struct ForceCellLag {
+    /// T, s; one below `SHORTEST` is none.
+    pub time_constant: f64,
+}
+
+impl ForceCellLag {
+    /// Shortest lag that the integrator follows, s: half a step.
+    const SHORTEST: f64 = 10e-6;
+
+    /// A corner of 60 to 600 Hz.
+    pub fn draw(noise: &mut Noise) -> Effect {
+        Box::new(Self { time_constant: (TAU * noise.log_between(60.0, 600.0)).recip() })
+    }
+}
+
+impl Law for ForceCellLag {
+    identity!("force_cell_lag", Sensor);
+    fn parameters(&self) -> Vec<(&'static str, f64)> {
+        vec![("time_constant", self.time_constant)]
+    }
+    fn scaled(&self, factor: f64) -> Effect {
+        Box::new(Self { time_constant: factor * self.time_constant })
+    }
+    fn states(&self) -> usize {
+        usize::from(self.time_constant >= Self::SHORTEST)
+    }
+    fn rate(&self, _now: &Now<'_>, drive: &Drive, state: &[f64], rate: &mut [f64]) {
+        if let ([shown], [rate]) = (state, rate) {
+            *rate = (drive.motor_force - *shown) / self.time_constant;
+        }
+    }
+    fn cell(&self, _now: &Now<'_>, force: f64, state: &[f64]) -> f64 {
+        state.first().map_or(0.0, |shown| shown - force)
     }
 }

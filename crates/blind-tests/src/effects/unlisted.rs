@@ -241,7 +241,7 @@ impl Law for SealMemory {
 /// A dog dragged along with play: it presses with a spring k outside a gap of +-w and slides at a
 /// force A, so after each reversal it is silent over 2 w.
 #[derive(Debug, Clone)]
-pub struct Backlash {
+pub struct LostMotion {
     /// A, N.
     pub force: f64,
     /// w, m.
@@ -250,7 +250,7 @@ pub struct Backlash {
     pub stiffness: f64,
 }
 
-impl Backlash {
+impl LostMotion {
     /// 2 to 8 N, +-1 to 6 mm, 20 kN/m.
     pub fn draw(noise: &mut Noise) -> Effect {
         Box::new(Self {
@@ -266,8 +266,8 @@ impl Backlash {
     }
 }
 
-impl Law for Backlash {
-    unlisted!("backlash", "travelled distance");
+impl Law for LostMotion {
+    unlisted!("lost_motion", "travelled distance");
     fn parameters(&self) -> Vec<(&'static str, f64)> {
         vec![("amplitude", self.force), ("gap", self.gap), ("stiffness", self.stiffness)]
     }

@@ -12,6 +12,7 @@ pub fn declared() -> StageModel {
         coulomb_force: 13.5,
         static_force: 16.8,
         stribeck_velocity: 5e-3,
+        stribeck_exponent: None,
         damping_velocity: None,
     };
     StageModel { guides: vec![GuideSource::Inline(guide); 4], ..StageModel::default() }

@@ -286,6 +286,7 @@ impl CatalogueEntry {
             coulomb_force: self.coulomb_force.value,
             static_force: self.static_force.value,
             stribeck_velocity: self.stribeck_velocity.value,
+            stribeck_exponent: None,
             damping_velocity: None,
         }
     }

@@ -9,7 +9,7 @@ use crate::numerics::rounded;
 /// LuGre parameters of one guide (Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE TAC 40(3), 1995,
 /// eqs. 1 to 4).
 ///
-/// dz/dt = v - sigma0 |v| z / g(v), g(v) = Fc + (Fs - Fc) exp(-(v/vs)^2), F = sigma0 z + sigma1
+/// dz/dt = v - sigma0 |v| z / g(v), g(v) = Fc + (Fs - Fc) exp(-|v/vs|^n), F = sigma0 z + sigma1
 /// dz/dt + sigma2 v. F opposes the motion of the carriage; v is positive along +x.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -26,6 +26,11 @@ pub struct Guide {
     pub static_force: f64,
     /// Stribeck velocity vs, m/s.
     pub stribeck_velocity: f64,
+    /// Exponent n of the Stribeck curve, 0.1 to 10. Absent: 2, a Gaussian; 1 is Tustin's curve, and
+    /// published fits lie between 0.5 and 2 (Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica
+    /// 30(7), 1994, eq. 3). Declared: a fit does not change it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stribeck_exponent: Option<f64>,
     /// Velocity vd, m/s, above which the bristle damping fades: sigma1 exp(-(v/vd)^2)
     /// (Olsson, PhD thesis, Lund 1996, section 3.4). Absent: sigma1 is constant.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -65,6 +70,9 @@ pub struct PartialGuide {
     /// Bristle damping sigma1, N s/m; assumed so that the bristles relax within 1 ms.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub bristle_damping: Option<f64>,
+    /// Exponent n of the Stribeck curve; 2 is assumed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stribeck_exponent: Option<f64>,
     /// Velocity vd, m/s; the Stribeck velocity is assumed where the bristle damping is.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub damping_velocity: Option<f64>,
@@ -105,6 +113,7 @@ impl PartialGuide {
             coulomb_force: self.coulomb_force,
             static_force,
             stribeck_velocity,
+            stribeck_exponent: self.stribeck_exponent,
             damping_velocity: self.damping_velocity.or(fading),
         }
     }
@@ -118,6 +127,7 @@ impl PartialGuide {
             coulomb_force: self.coulomb_force,
             static_force: self.static_force?,
             stribeck_velocity: self.stribeck_velocity?,
+            stribeck_exponent: self.stribeck_exponent,
             damping_velocity: self.damping_velocity,
         })
     }
@@ -146,7 +156,11 @@ impl Guide {
     /// Steady friction level g(v), N, without the viscous part.
     pub fn level(&self, velocity: f64) -> f64 {
         let ratio = velocity / self.stribeck_velocity;
-        self.coulomb_force + (self.static_force - self.coulomb_force) * (-ratio * ratio).exp()
+        let power = match self.stribeck_exponent {
+            Some(exponent) => ratio.abs().powf(exponent),
+            None => ratio * ratio,
+        };
+        self.coulomb_force + (self.static_force - self.coulomb_force) * (-power).exp()
     }
 
     /// Friction at constant velocity v, N: g(v) sign(v) + sigma2 v. The Stribeck curve.
@@ -186,6 +200,12 @@ impl Guide {
         if self.static_force < self.coulomb_force {
             let limit = format!("not be below coulomb_force, which is {}", self.coulomb_force);
             return Err(error::refused(&format!("{key}.static_force"), self.static_force, &limit));
+        }
+        if let Some(exponent) = self.stribeck_exponent
+            && !(0.1..=10.0).contains(&exponent)
+        {
+            let key = format!("{key}.stribeck_exponent");
+            return Err(error::refused(&key, exponent, "be between 0.1 and 10"));
         }
         match self.damping_velocity {
             Some(velocity) => error::positive(&format!("{key}.damping_velocity"), velocity),

@@ -212,6 +212,7 @@ impl Body {
         // Simpson's rule over start, middle and end.
         self.position += span / 6.0 * (start_velocity + 4.0 * middle_velocity + self.velocity);
         self.cell_force = motor_force + motor_side;
+        self.effects.follow(self.cell_force, span);
     }
 
     fn step_flexible(&mut self, motor_force: f64) {
@@ -244,6 +245,7 @@ impl Body {
         flexure.rate += motor_impulse * flexure.inverse_motor_mass - carriage_change;
         flexure.stretch = stretch;
         self.cell_force = flexure.stiffness * flexure.stretch + flexure.damping * flexure.rate;
+        self.effects.follow(self.cell_force, self.step);
         self.flexure = Some(flexure);
     }
 

@@ -48,8 +48,10 @@ pub struct GuideBank {
     /// Fc and Fs - Fc, N.
     coulomb_force: f64x4,
     stribeck_force: f64x4,
-    /// -log2(e)/vs^2, s^2/m^2.
+    /// -log2(e)/vs^2, s^2/m^2; n of the curve, and whether that of any guide is not 2.
+    stribeck_coefficient: f64x4,
     stribeck_exponent: f64x4,
+    is_shaped: bool,
     /// -log2(e)/vd^2, s^2/m^2; 0 where the bristle damping is constant.
     damping_exponent: f64x4,
     damping_fades: bool,
@@ -72,11 +74,14 @@ pub struct FrictionScale {
     pub stat: f64,
     /// On sigma2.
     pub viscous: f64,
+    /// Speed at which the Stribeck curve is taken, m/s; `None`: that of the carriage.
+    pub stribeck_speed: Option<f64>,
 }
 
 impl FrictionScale {
     /// The guides as the model has them.
-    pub const ONE: FrictionScale = FrictionScale { coulomb: 1.0, stat: 1.0, viscous: 1.0 };
+    pub const ONE: FrictionScale =
+        FrictionScale { coulomb: 1.0, stat: 1.0, viscous: 1.0, stribeck_speed: None };
 }
 
 /// Shares of one bristle element in its guide: element i is a bristle of stiffness a sigma0,
@@ -165,7 +170,9 @@ impl GuideBank {
             viscous_friction: guides.iter().map(|guide| guide.viscous_friction).sum(),
             coulomb_force: lanes(1.0, &|guide| guide.coulomb_force),
             stribeck_force: lanes(0.0, &|guide| guide.static_force - guide.coulomb_force),
-            stribeck_exponent: lanes(0.0, &|guide| -LOG2_E * guide.stribeck_velocity.powi(-2)),
+            stribeck_coefficient: lanes(0.0, &|guide| -LOG2_E * guide.stribeck_velocity.powi(-2)),
+            stribeck_exponent: lanes(2.0, &|guide| guide.stribeck_exponent.unwrap_or(2.0)),
+            is_shaped: guides.iter().any(|guide| guide.stribeck_exponent.is_some_and(|n| n != 2.0)),
             damping_exponent: lanes(0.0, &|guide| {
                 guide.damping_velocity.map_or(0.0, |velocity| -LOG2_E * velocity.powi(-2))
             }),
@@ -290,11 +297,34 @@ impl GuideBank {
     /// Part of Fs - Fc that is in g.
     #[inline]
     fn stribeck_part(&self, velocity_squared: f64x4) -> f64x4 {
-        let exponent = self.stribeck_exponent * velocity_squared;
+        let exponent = self.stribeck_power(velocity_squared);
         // At most speeds nothing is left of the Stribeck curve, and to see that costs less than the
         // power.
         let is_over = exponent.simd_lt(f64x4::splat(-NOTHING_LEFT)).all();
         if is_over { f64x4::ZERO } else { exp2_of_negative(exponent) }
+    }
+
+    /// Power of two of the Stribeck curve at the carriage's speed squared, m^2/s^2, or at the speed
+    /// that the last step had for it.
+    #[inline]
+    fn stribeck_power(&self, velocity_squared: f64x4) -> f64x4 {
+        let taken = self.scale.stribeck_speed.map(|speed| f64x4::splat(speed * speed));
+        self.stribeck_power_at(taken.unwrap_or(velocity_squared))
+    }
+
+    /// Power of two of the Stribeck curve at this speed squared, m^2/s^2: -log2(e) |v/vs|^n.
+    #[inline]
+    fn stribeck_power_at(&self, velocity_squared: f64x4) -> f64x4 {
+        let gaussian = self.stribeck_coefficient * velocity_squared;
+        if self.is_shaped { self.shaped_power(gaussian) } else { gaussian }
+    }
+
+    #[inline(never)]
+    fn shaped_power(&self, gaussian: f64x4) -> f64x4 {
+        let (gaussian, exponent) = (gaussian.to_array(), self.stribeck_exponent.to_array());
+        f64x4::new(std::array::from_fn(|lane| {
+            -LOG2_E * (gaussian[lane] / -LOG2_E).powf(0.5 * exponent[lane])
+        }))
     }
 
     /// g with this part of Fs - Fc, at the factors of the last step.
@@ -309,7 +339,7 @@ impl GuideBank {
 
     fn level(&self, velocity_squared: f64x4) -> f64x4 {
         self.coulomb_force
-            + self.stribeck_force * exp2_of_negative(self.stribeck_exponent * velocity_squared)
+            + self.stribeck_force * exp2_of_negative(self.stribeck_power_at(velocity_squared))
     }
 
     fn damping_at(&self, velocity_squared: f64x4) -> f64x4 {
@@ -592,8 +622,12 @@ mod tests {
 
     #[test]
     fn driven_steadily_the_friction_is_the_stribeck_curve_with_its_factors() {
-        let (guide, scale) = (guide(), FrictionScale { coulomb: 1.2, stat: 1.5, viscous: 0.5 });
-        for velocity in [-0.3, -1e-3, 2e-3, 0.7] {
+        let scale = FrictionScale { coulomb: 1.2, stat: 1.5, viscous: 0.5, ..FrictionScale::ONE };
+        let shaped = Guide { stribeck_exponent: Some(0.7), ..guide() };
+        for (guide, velocity) in [-0.3, -1e-3, 2e-3, 0.7]
+            .into_iter()
+            .flat_map(|velocity| [(guide(), velocity), (shaped.clone(), velocity)])
+        {
             let mut bank = GuideBank::new(std::slice::from_ref(&guide));
             let force = (0..20_000).map(|_| bank.drive(velocity, 5e-4, &scale)).last().unwrap();
             let scaled = Guide {

@@ -21,6 +21,7 @@ use crate::residual::driven::Driven;
 use crate::residual::missing::Missing;
 use friction_stage_core::model::ModelError;
 use friction_stage_core::numerics::least_squares::{Budget, Descent, Evaluation, Problem, Range};
+use friction_stage_core::plant::effects::ParameterKind;
 
 /// Part of what a fit must still fall by to be worth anything that it must come to between two
 /// derivatives: with less it gives up.
@@ -90,6 +91,23 @@ impl Fitted {
     /// Sum of the squares of the missing force, N^2.
     pub fn squares(&self) -> f64 {
         self.missing.motor.iter().chain(&self.missing.carriage).map(|left| left * left).sum()
+    }
+
+    /// Whether a law among the effects from `first` on has a value on a bound: beyond it the law
+    /// would be another one, or none. A term that has come to 0 is no doubt about the rest, and a
+    /// phase has no end.
+    pub(crate) fn has_law_at_bound(&self, first: usize) -> bool {
+        let both = self.coordinates.iter().zip(&self.at_bound);
+        both.filter(|(_, at_bound)| **at_bound).any(|(coordinate, _)| match coordinate.id {
+            ParameterId::Effect { effect, value } if effect >= first => {
+                let law = self.hypothesis.effects[effect].descriptor;
+                let kind = law.parameters.get(value).map(|parameter| parameter.kind);
+                kind.is_some_and(|kind| kind != ParameterKind::Phase)
+                    && !law.is_curve()
+                    && !coordinate.has_come_to_nothing()
+            }
+            _ => false,
+        })
     }
 
     /// The same with its curves held.

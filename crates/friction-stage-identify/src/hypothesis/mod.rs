@@ -183,6 +183,15 @@ pub struct FreeParameter {
     pub bounds: (f64, f64),
 }
 
+impl FreeParameter {
+    /// Whether it is a term of a law that has come to 0.
+    pub(crate) fn has_come_to_nothing(&self) -> bool {
+        matches!(self.id, ParameterId::Effect { .. })
+            && self.bounds.0 == 0.0
+            && self.value < 1e-3 * self.scale
+    }
+}
+
 /// Logarithms of the least and largest factor on a declared value within a tolerance: a share of
 /// it, or at 1 and above a factor of 1 + this either way.
 fn factors(tolerance: f64) -> (f64, f64) {
@@ -433,6 +442,7 @@ impl Hypothesis {
                     coulomb_force,
                     static_force: (guide.static_force * stat).max(coulomb_force),
                     stribeck_velocity: guide.stribeck_velocity * stribeck,
+                    stribeck_exponent: guide.stribeck_exponent,
                     damping_velocity: guide.damping_velocity,
                 }
             })

@@ -290,6 +290,7 @@ mod tests {
         Selection {
             verdict,
             before,
+            usable: after.fitted.hypothesis.clone(),
             after,
             errors_before: Errors::default(),
             errors_within_tolerance: None,
@@ -304,6 +305,7 @@ mod tests {
             wander_of_zero: None,
             declared_floor: train.declared_floor(declared),
             left_open: None,
+            at_bound: false,
             stopped: false,
         }
     }

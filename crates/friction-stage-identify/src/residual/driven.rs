@@ -208,8 +208,11 @@ impl CellTruth {
         let truth = |(time, reading): (&f64, &f64)| {
             undo(*reading, |force| effects.read(*time, 0.0, force).1)
         };
-        let forces =
-            measured.cell.as_ref().map(|cell| measured.time.iter().zip(cell).map(truth).collect());
+        let forces = measured.cell.as_ref().map(|cell| {
+            let mut forces: Vec<f64> = measured.time.iter().zip(cell).map(truth).collect();
+            effects.made_up_for(&mut forces, measured.rate.recip());
+            forces
+        });
         Ok(CellTruth { sensors, forces })
     }
 }
@@ -615,7 +618,10 @@ mod tests {
     use std::f64::consts::TAU;
 
     use super::*;
-    use crate::test_records::{hypothesis, record};
+    use crate::hypothesis::Tolerances;
+    use crate::test_records::{hypothesis, record, recording};
+    use friction_stage_core::model::StageModel;
+    use friction_stage_core::plant::EffectDescriptor;
 
     #[test]
     fn the_truth_behind_a_reading_is_found_however_wrong_it_is() {
@@ -626,6 +632,24 @@ mod tests {
         // 5 % of a signal period of 4 µm.
         let read = |x: f64| x + 2e-7 * (TAU * x / 4e-6).sin();
         assert!((undo(read(1.3e-6), read) - 1.3e-6).abs() < 1e-13);
+    }
+
+    /// A cell of a lowpass of 0.5 ms, or a latency of two samples, on a stage of the library.
+    #[test]
+    fn a_cell_that_is_late_leaves_nothing_with_its_law() {
+        for values in [[5e-4, 0.0], [0.0, 1e-3]] {
+            let law = EffectDescriptor::find("force_cell_lag").unwrap();
+            let declared = StageModel::default().without_noise();
+            let real = StageModel { effects: vec![law.parameters_of(&values)], ..declared.clone() };
+            let trace = recording(&real, 1, 0.0, 2);
+            let measured = Measured::new(&trace, &declared, "a record").unwrap();
+            let bare = Hypothesis::new(&declared, Tolerances::default()).unwrap();
+            let with = bare.with(Part { descriptor: law, values: values.to_vec() });
+            let left = |one: &Hypothesis| one.missing(&measured, Sides::BOTH).unwrap().squares();
+            let (before, after) = (left(&bare), left(&with));
+            assert!(after.0 < 1e-4 * before.0, "motor {before:?} {after:?}");
+            assert!(after.1 < 1e-2 * before.1, "carriage {before:?} {after:?}");
+        }
     }
 
     #[test]

@@ -12,7 +12,7 @@ use friction_stage_core::plant::Side;
 
 use super::columns::Columns;
 use super::forms::{WITHIN, simpler, starts};
-use super::score::{Judged, errors};
+use super::score::Judged;
 use super::selection::{Alternative, Errors, Evidence, Inseparable, Outcome};
 use super::state::{Search, correlation_of_taken, with_different_guides};
 
@@ -25,6 +25,8 @@ const BETTER_FORM: f64 = 0.1;
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum InPlace {
     Nothing,
+    /// The same law without one of its terms.
+    LessOfIt,
     OtherForm,
     /// The law of this row of the evidence.
     Law(usize),
@@ -107,7 +109,7 @@ impl Search<'_> {
                     self.strike(index);
                     self.best = one;
                 }
-                InPlace::OtherForm => self.best = one,
+                InPlace::LessOfIt | InPlace::OtherForm => self.best = one,
                 InPlace::Law(row) => self.give_way(index, row, one),
             }
             return Ok(Some(what));
@@ -143,7 +145,8 @@ impl Search<'_> {
         order.push((None, &self.best));
         // Of as many parameters what was found comes first, and another law is better by enough or
         // not at all; another form is the same law.
-        let is_same_law = |what: Option<InPlace>| matches!(what, None | Some(InPlace::OtherForm));
+        let is_same_law =
+            |what| matches!(what, None | Some(InPlace::OtherForm | InPlace::LessOfIt));
         order.sort_by(|(what, one), (other, two)| {
             (one.free(), !is_same_law(*what)).cmp(&(two.free(), !is_same_law(*other))).then_with(
                 || {
@@ -188,7 +191,7 @@ impl Search<'_> {
                 other
             };
             let terms = simpler(part);
-            others.extend(terms.into_iter().map(|term| (InPlace::OtherForm, in_place(term))));
+            others.extend(terms.into_iter().map(|term| (InPlace::LessOfIt, in_place(term))));
             if self.room() > BETTER_FORM * self.criteria.fall
                 && let Some(values) = part.descriptor.propose(&columns.residual(on_motor))
             {
@@ -217,21 +220,22 @@ impl Search<'_> {
         // A curve depends on the laws that were found: without one of them it is drawn again.
         if let Some(curve) = self.curve().filter(|curve| *curve != index) {
             let without = bare.without(curve - usize::from(curve > index));
-            let left = errors(&without, self.train, self.holdout)?;
-            let drawn = self.with_curve(&without, &left, FitBudget::KEPT)?;
+            let drawn = self.with_settled_curve(&without)?;
             judged.extend(drawn.map(|drawn| (InPlace::Nothing, drawn)));
         }
         Ok(judged)
     }
 
     /// Fits of hypotheses in place of what was found, each with guides that differ as they do and
-    /// afresh, that come to about as little.
+    /// afresh. They are given up where they leave far more on the train record, except that a term
+    /// may be there that only the train record asks for.
     fn raced(&self, others: Vec<(InPlace, Hypothesis)>) -> Vec<(InPlace, Judged)> {
         let worth = self.worth_in_place();
         let with_guides = |one: &Hypothesis, effort: FitBudget| {
             race(slice::from_ref(one), self.train, Sides::BOTH, effort, 1.0).remove(0)
         };
         let fitted = others.into_par_iter().filter_map(|(what, one)| {
+            let worth = if what == InPlace::LessOfIt { f64::INFINITY } else { worth };
             // Values that do not go together are no law in place of another.
             let quick = FitBudget::COMPARED.gain_below(2.0 * worth);
             let mut best = with_guides(&one.holding_guides(false), quick).ok()?;

@@ -276,6 +276,7 @@ mod tests {
                 coulomb_force: coulomb,
                 static_force: 1.001 * coulomb,
                 stribeck_velocity: 1e-3,
+                stribeck_exponent: None,
                 damping_velocity: None,
             })],
             motor: Motor { force_limit: 20.0 * coulomb },

@@ -170,7 +170,9 @@ impl Search<'_> {
                     || wander_of_zero.is_some()
             }
         };
-        let verdict = if coordinate.is_some() || !settled {
+        // Beyond its bound a law would be another one.
+        let at_bound = self.best.fitted.has_law_at_bound(self.declared_effects());
+        let verdict = if coordinate.is_some() || !settled || at_bound {
             Verdict::Unknown
         } else if added == 0 {
             Verdict::None
@@ -178,6 +180,11 @@ impl Search<'_> {
             Verdict::NotSeparable
         } else {
             Verdict::Found
+        };
+        let has_laws = selection::different_laws(&effects[self.declared_effects()..]) > 0;
+        let usable = match verdict == Verdict::Unknown && has_laws {
+            true => self.without_laws()?,
+            false => self.found().clone(),
         };
         let unproven = self.unproven_ripples();
         let errors_after = self.best.errors;
@@ -204,6 +211,8 @@ impl Search<'_> {
             train_floor: self.floors.train,
             declared_floor,
             left_open,
+            at_bound,
+            usable,
             stopped: self.stopped,
         })
     }

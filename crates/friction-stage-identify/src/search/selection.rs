@@ -6,7 +6,7 @@ use friction_stage_core::model::Coordinate;
 use friction_stage_core::plant::Side;
 
 use crate::fit::{Estimate, Fitted};
-use crate::hypothesis::Part;
+use crate::hypothesis::{Hypothesis, Part};
 use crate::record::measured::Floor;
 
 /// Floors that a recording leaves at most when nothing is hidden in it: 1.0 to 1.2 were seen.
@@ -170,11 +170,28 @@ pub struct Selection {
     /// What the train record leaves open of the force on the hold-out, N rms, where nothing is
     /// added and that is why more than noise is left.
     pub left_open: Option<f64>,
+    /// Whether a law that was added has a value on a bound, beyond which it would be another one.
+    pub at_bound: bool,
+    /// What goes into a model: all that was found, but for laws that are no answer, in whose place
+    /// stands a curve, if one was needed.
+    pub usable: Hypothesis,
     /// Whether the watch stopped the search.
     pub stopped: bool,
 }
 
 impl Selection {
+    /// The laws that explain a part only, where the verdict is `unknown`: no model has them.
+    pub fn partial_laws(&self) -> Vec<&'static str> {
+        let found = &self.after.fitted.hypothesis.effects[self.before.hypothesis.effects.len()..];
+        let laws = found.iter().map(|part| part.descriptor).filter(|law| !law.is_curve());
+        match self.verdict {
+            Verdict::Unknown => {
+                laws.map(|law| law.name).collect::<BTreeSet<_>>().into_iter().collect()
+            }
+            _ => Vec::new(),
+        }
+    }
+
     /// Laws that were added, those of which there are several counted once.
     pub fn added_laws(&self) -> usize {
         let effects = &self.after.fitted.hypothesis.effects;

@@ -10,7 +10,8 @@ use friction_stage_core::plant::effects::ALL;
 pub(super) type NoSuchKey = String;
 
 /// Keys that a description may lack, with the place that they belong to.
-const OPTIONAL: [(&str, &str); 1] = [("guides", "damping_velocity")];
+const OPTIONAL: [(&str, &str); 2] =
+    [("guides", "damping_velocity"), ("guides", "stribeck_exponent")];
 
 /// Sets the value at a dotted path. All entries of `guides` are meant unless one is numbered;
 /// `effects` are named, or numbered where two have one name.

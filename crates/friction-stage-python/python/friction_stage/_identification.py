@@ -75,8 +75,16 @@ class Verdict:
 
     @property
     def model(self) -> Model:
-        """The declared model, refitted, with the effects that it lacked."""
+        """The declared model, refitted, with the effects that it lacked.
+
+        Where the verdict is ``unknown`` it is without laws, which explain a part only.
+        """
         return self._identified.model
+
+    @property
+    def partial_model(self) -> Model | None:
+        """The same with laws that explain a part only, where there are any."""
+        return self._identified.partial_model
 
     @property
     def effects(self) -> list[Effect]:
@@ -125,12 +133,20 @@ class Verdict:
         return dict(self._identified.report()[1])
 
     def save(self, directory: Path) -> None:
-        """Writes ``identified.yaml``, ``summary.json``, ``report.html`` and the figures."""
+        """Writes ``identified.yaml``, ``summary.json``, ``report.html`` and the figures.
+
+        Laws that explain a part only are in ``partial.yaml``.
+        """
         out = FilePath(directory)
         page, figures = self._identified.report()
         (out / "figures").mkdir(parents=True, exist_ok=True)
         model = self._identified.model_file()
         (out / "identified.yaml").write_text(model, encoding="utf-8")
+        partial = self._identified.partial_model_file()
+        if partial is None:
+            (out / "partial.yaml").unlink(missing_ok=True)
+        else:
+            (out / "partial.yaml").write_text(partial, encoding="utf-8")
         (out / "summary.json").write_text(self._summary_json, encoding="utf-8")
         (out / "report.html").write_text(page, encoding="utf-8")
         for name, svg in figures:

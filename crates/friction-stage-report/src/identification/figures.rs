@@ -182,7 +182,8 @@ pub fn identification_figures(
     let joint = identification.model.joint;
     let train = Residuals::of(identification, &records.train.measured)?;
     let holdout = Residuals::of(identification, &records.holdout.measured)?;
-    let mut figures: Vec<IdentificationFigure> = maps(&identification.model, &holdout.sides())?;
+    let mut figures: Vec<IdentificationFigure> =
+        maps(identification.found_model(), &holdout.sides())?;
     figures.extend(before_and_after(&holdout, "hold-out")?);
     if let Some(loops) = &identification.loops {
         figures.push(position(&records.holdout, &loops.holdout, joint)?);
@@ -293,7 +294,7 @@ pub fn identification_figures(
             figures.push(IdentificationFigure::new(name, FigureGroup::Residual, spread, caption)?);
         }
     }
-    figures.extend(spectra(&train, &identification.model)?);
+    figures.extend(spectra(&train, identification.found_model())?);
     Ok(figures)
 }
 

@@ -15,7 +15,7 @@ use friction_stage_core::plant::effects::ParameterKind;
 use friction_stage_identify::{Change, Identification, Records, Summary, in_digits, taking_part};
 
 pub use figures::{FigureGroup, IdentificationFigure, identification_figures};
-pub use model_file::identified_model_file;
+pub use model_file::{identified_model_file, usable_model_file};
 pub use next::next_experiment_lines;
 pub use page::identification_page;
 
@@ -53,7 +53,9 @@ pub fn identification_text(summary: &Summary, page: &Path) -> String {
     let _ = writeln!(out, "verdict: {}", summary.verdict);
     if !summary.effects.is_empty() {
         let phrases = effect_phrases(&summary.effects, joint).join("; ");
-        let _ = writeln!(out, "in the model now: {phrases}");
+        let is_partial = summary.findings.iter().any(|finding| finding.code == "partial_laws");
+        let what = if is_partial { "found so far" } else { "in the model now" };
+        let _ = writeln!(out, "{what}: {phrases}");
     }
     for effect in &summary.effects {
         let _ = writeln!(out, "  {} ({} side)", effect.name, effect.side);

@@ -54,6 +54,19 @@ pub fn identified_model_file(model: &StageModel, summary: &Summary) -> Result<St
     Ok(text)
 }
 
+/// The file of the model without the laws that explain a part only, which `partial` has.
+pub fn usable_model_file(
+    model: &StageModel,
+    summary: &Summary,
+    partial: &str,
+) -> Result<String, ReportError> {
+    let verdict = summary.verdict.replace('_', " ");
+    Ok(format!(
+        "# verdict: {verdict}\n# without the laws that explain a part only, which {partial} has\n{}",
+        lists_in_lines(&model.to_yaml()?)
+    ))
+}
+
 /// Longest line of a list.
 const LINE: usize = 100;
 

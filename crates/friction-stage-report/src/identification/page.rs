@@ -31,7 +31,7 @@ pub fn identification_page(
     summary: &Summary,
     figures: &[IdentificationFigure],
 ) -> Result<String, ReportError> {
-    let (declared, identified) = (identification.declared(), &identification.model);
+    let (declared, identified) = (identification.declared(), identification.found_model());
     let selection = &identification.selection;
     let n = summary.joint.unit("N");
     let paths = |paths: &[std::path::PathBuf]| {
@@ -152,7 +152,7 @@ fn verdict(page: &mut Page, selection: &Selection, summary: &Summary) {
             match selection.coordinate {
                 Some(coordinate) => format!(
                     "No law of the list explains a force that depends on the {}; an empirical map \
-                     stands for it. The identified model has {names}.",
+                     stands for it. Found so far: {names}.",
                     coordinate.name()
                 ),
                 None if names.is_empty() => {
@@ -162,7 +162,7 @@ fn verdict(page: &mut Page, selection: &Selection, summary: &Summary) {
                 }
                 None => format!(
                     "A force is missing that no law of the list and no map explains: what is left \
-                     is more than noise. The identified model has {names}, which is not all of it."
+                     is more than noise. Found so far: {names}, which is not all of it."
                 ),
             },
         ),

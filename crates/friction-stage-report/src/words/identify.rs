@@ -270,6 +270,13 @@ impl Words for IdentifyFinding {
                 times_noise(*left, *noise_floor),
                 sits(location, joint)
             ),
+            Self::PartialLaws { effects } => format!(
+                "{} explain{} a part only: the identified model is without {}, the partial one has {}",
+                effects.join(", "),
+                if effects.len() == 1 { "s" } else { "" },
+                if effects.len() == 1 { "it" } else { "them" },
+                if effects.len() == 1 { "it" } else { "them" },
+            ),
             Self::MostLaws { laws } => format!(
                 "no more than {laws} laws are added: there may be further ones; declare those that \
                  are right in --model, and identify again"

@@ -168,6 +168,9 @@ pub fn model_text(facts: &ModelFacts) -> String {
         ] {
             text += &format!("    {name:17} {}\n", of(value, unit));
         }
+        if let Some(exponent) = guide.stribeck_exponent {
+            text += &format!("    {:17} {exponent}\n", "stribeck_exponent");
+        }
         if let Some(velocity) = guide.damping_velocity {
             text += &format!("    {:17} {}\n", "damping_velocity", of(velocity, "m/s"));
         }

@@ -495,9 +495,16 @@ mod tests {
             let mut changed = (false, false);
             for k in 0..200 {
                 let (time, position) = (0.05 * f64::from(k), 1e-3 * f64::from(k));
-                let motion = Motion { time, position, velocity: 0.02, ..Motion::default() };
+                let motion = Motion {
+                    time,
+                    position,
+                    velocity: 0.02,
+                    motor_force: 9.0,
+                    ..Motion::default()
+                };
                 let scale = effects.friction(&Motion { friction: 5.0, ..motion }, 0.05);
                 changed.0 |= (scale.coulomb, scale.stat) != (1.0, 1.0);
+                changed.0 |= scale.stribeck_speed.is_some();
                 changed.1 |= scale.viscous != 1.0;
             }
             assert_eq!(changed, (terms.bristles, terms.viscous), "{}", effect.name);

@@ -115,4 +115,14 @@ pub(crate) trait MassLaw: Debug + Send + Sync {
 pub(crate) trait ReadingLaw: Debug + Send + Sync {
     /// Reading at a time since the start, s, for a true value; both in the unit of the sensor.
     fn reading(&self, time: f64, truth: f64) -> f64;
+
+    /// Keeps a true value that stood for a step of `step` seconds, before the next reading.
+    fn follow(&mut self, _truth: f64, _step: f64) {}
+
+    /// Changes readings, one after each step of `step` seconds, into what a sensor that is not late
+    /// would have shown.
+    fn made_up_for(&self, _readings: &mut [f64], _step: f64) {}
+
+    /// Back to the state at construction.
+    fn reset(&mut self) {}
 }

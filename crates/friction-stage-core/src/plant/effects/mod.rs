@@ -26,6 +26,7 @@ pub use running::{Effects, MAX_EFFECTS};
 
 mod actuator_lag;
 mod asymmetric_friction;
+mod backlash;
 mod ball_passage;
 mod cable_chain;
 mod cogging;
@@ -38,8 +39,12 @@ mod encoder_sde;
 mod external_vibration;
 mod force_cell_drift;
 mod force_cell_gain;
+mod force_cell_lag;
 mod force_ripple;
+mod friction_drift;
+mod frictional_lag;
 mod hardening_spring;
+mod load_dependent_friction;
 mod map;
 mod motor_droop;
 mod motor_gain;
@@ -47,6 +52,7 @@ mod motor_saturation;
 mod payload;
 mod position_dependent_friction;
 mod quadratic_drag;
+mod speed_ripple;
 mod stiction_aging;
 mod structural_mode;
 mod viscous_warm_up;
@@ -55,6 +61,7 @@ mod viscous_warm_up;
 pub const ALL: &[&EffectDescriptor] = &[
     &actuator_lag::DESCRIPTOR,
     &asymmetric_friction::DESCRIPTOR,
+    &backlash::DESCRIPTOR,
     &ball_passage::DESCRIPTOR,
     &cable_chain::DESCRIPTOR,
     &cogging::DESCRIPTOR,
@@ -67,8 +74,12 @@ pub const ALL: &[&EffectDescriptor] = &[
     &external_vibration::DESCRIPTOR,
     &force_cell_drift::DESCRIPTOR,
     &force_cell_gain::DESCRIPTOR,
+    &force_cell_lag::DESCRIPTOR,
     &force_ripple::DESCRIPTOR,
+    &friction_drift::DESCRIPTOR,
+    &frictional_lag::DESCRIPTOR,
     &hardening_spring::DESCRIPTOR,
+    &load_dependent_friction::DESCRIPTOR,
     &map::DESCRIPTOR,
     &motor_droop::DESCRIPTOR,
     &motor_gain::DESCRIPTOR,
@@ -76,6 +87,7 @@ pub const ALL: &[&EffectDescriptor] = &[
     &payload::DESCRIPTOR,
     &position_dependent_friction::DESCRIPTOR,
     &quadratic_drag::DESCRIPTOR,
+    &speed_ripple::DESCRIPTOR,
     &stiction_aging::DESCRIPTOR,
     &structural_mode::DESCRIPTOR,
     &viscous_warm_up::DESCRIPTOR,

@@ -538,6 +538,7 @@ pub(super) mod record {
                     effects.read(self.time[k], self.position[k], 0.0).0 - self.position[k]
                 });
                 let apparent = (errors[2] - 2.0 * errors[1] + errors[0]) / (STEP * STEP);
+                effects.follow(self.command[k], STEP);
                 let (_, cell) = effects.read(self.time[k], self.position[k], self.command[k]);
                 self.force[k] += MASS * apparent + cell - self.command[k];
                 let motion = Motion {

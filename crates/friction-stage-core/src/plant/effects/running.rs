@@ -303,6 +303,18 @@ impl Effects {
         (read(&self.encoder, position), read(&self.force_cell, force))
     }
 
+    /// Lets a force cell that is late follow the true force, N, that stood for a step, s. After
+    /// [`Effects::advance`], once per step.
+    pub fn follow(&mut self, force: f64, step: f64) {
+        self.force_cell.iter_mut().for_each(|law| law.follow(force, step));
+    }
+
+    /// Changes what a force cell has shown after steps of `step` seconds, N, into what it would
+    /// have shown in time.
+    pub fn made_up_for(&self, readings: &mut [f64], step: f64) {
+        self.force_cell.iter().for_each(|law| law.made_up_for(readings, step));
+    }
+
     /// Energy that they hold and can give back with the carriage at a position, m; J.
     pub fn stored_energy(&self, position: f64) -> f64 {
         self.pushes.iter().map(|push| push.law.stored_energy(position)).sum()
@@ -313,6 +325,7 @@ impl Effects {
         self.commands.iter_mut().for_each(|command| command.law.reset());
         self.pushes.iter_mut().for_each(|push| push.law.reset());
         self.friction.iter_mut().for_each(|law| law.reset());
+        self.force_cell.iter_mut().for_each(|law| law.reset());
         self.advance(&Motion { time, ..Motion::default() }, 0.0);
     }
 }

@@ -306,6 +306,7 @@ mod tests {
             coulomb_force: 1e-9,
             static_force: 1e-9,
             stribeck_velocity: 1e-3,
+            stribeck_exponent: None,
             damping_velocity: None,
         };
         let mode = EffectParameters::new(

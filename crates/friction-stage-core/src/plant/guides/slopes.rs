@@ -168,8 +168,9 @@ impl Along for BristleSlopes {
         let per_level = f64x4::splat(1.0) / level;
         let coulomb = bank.coulomb_force * f64x4::splat(bank.scale.coulomb);
         let stat = (bank.stribeck_force + bank.coulomb_force) * f64x4::splat(bank.scale.stat);
-        // d/d ln vs of exp(-v^2 / vs^2), in parts of it, is 2 v^2 / vs^2.
-        let steepness = f64x4::splat(-2.0 * LN_2) * bank.stribeck_exponent * velocity_squared;
+        // d/d ln vs of exp(-|v / vs|^n), in parts of it, is n |v / vs|^n.
+        let steepness =
+            f64x4::splat(-LN_2) * bank.stribeck_exponent * bank.stribeck_power(velocity_squared);
         self.level = [
             f64x4::splat(-1.0),
             coulomb * (f64x4::splat(1.0) - stribeck) * per_level,
@@ -220,7 +221,8 @@ mod tests {
     #[test]
     fn slopes_are_the_difference_quotients_of_the_friction() {
         let catalogue = Catalogue::builtin();
-        let guides = ["guide_1", "guide_2"].map(|name| catalogue.guide(name).unwrap());
+        let mut guides = ["guide_1", "guide_2"].map(|name| catalogue.guide(name).unwrap());
+        guides[1].stribeck_exponent = Some(1.2);
         let share = |stiffness, damping, strength| BristleShare { stiffness, damping, strength };
         let shares = [
             share(0.7, 0.6, 0.3),
@@ -228,9 +230,10 @@ mod tests {
             share(0.1, 0.1, 0.2),
             BristleShare::default(),
         ];
-        let scale = FrictionScale { coulomb: 1.1, stat: 1.3, viscous: 1.0 };
+        let changed = FrictionScale { coulomb: 1.1, stat: 1.3, ..FrictionScale::ONE };
+        let late = FrictionScale { stribeck_speed: Some(3e-3), ..changed };
         let elements = [None, Some(Slip::Gradual), Some(Slip::Sudden)];
-        for slip in elements {
+        for (slip, scale) in elements.into_iter().flat_map(|slip| [(slip, changed), (slip, late)]) {
             let bank = |guides: &[Guide]| match slip {
                 None => GuideBank::new(guides),
                 Some(slip) => GuideBank::with_elements(guides, &BristleElements { shares, slip }),
