@@ -781,9 +781,11 @@ fn right(
             Some(one @ ("position" | "velocity" | "time")) => coordinate == Some(one),
             _ => true,
         };
+        // Nor is there one over the force.
+        let no_curve = strange.coordinate == Some("force");
         return selection.verdict == Verdict::Unknown
             && followed
-            && selection.errors_after.holdout() < selection.errors_before.holdout();
+            && (no_curve || selection.errors_after.holdout() < selection.errors_before.holdout());
     }
     let mut wanted = wanted(hidden);
     let mut all: Vec<&str> = hidden.iter().map(|hidden| hidden.name).collect();

@@ -5,9 +5,9 @@ use std::path::Path;
 
 use blind_tests::effects::{
     ActuatorLag, AsymmetricFriction, Backlash, CATALOGUE, CableChain, Cogging, ConstantForce,
-    DeadZone, EncoderCyclicError, EncoderSde, ForceCellDrift, FrictionDrift, FrictionalLag,
-    HardeningSpring, LISTED, LoadDependentFriction, MotorDroop, MotorGain, MotorSaturation,
-    Payload, SpeedRipple, by_name, composition,
+    DeadZone, EncoderCyclicError, EncoderSde, ForceCellDrift, ForceCellLag, FrictionDrift,
+    FrictionalLag, HardeningSpring, LISTED, LoadDependentFriction, MotorDroop, MotorGain,
+    MotorSaturation, Payload, SpeedRipple, by_name, composition,
 };
 use blind_tests::guides::{Change, Elements, GUIDES, Slip};
 use blind_tests::noise::Noise;
@@ -217,6 +217,22 @@ fn cell_shows_the_command_of_the_interval_that_ended() {
     for k in 1..run.train.time.len() {
         assert_eq!(run.train.force_cell[k], run.train.force[k - 1], "row {k}");
     }
+}
+
+/// Under held commands a lowpass goes a part of 1 - exp(-h/T) of the way to each, h the interval.
+#[test]
+fn a_late_cell_follows_each_command_by_an_exponential() {
+    let late = ForceCellLag { time_constant: 1e-3 };
+    let run = quiet(5).with(late).generate().unwrap();
+    let (mut shown, part) = (0.0, 1.0 - (-0.5f64).exp());
+    let mut largest: f64 = 0.0;
+    for k in 1..run.train.time.len() {
+        shown += part * (run.train.force[k - 1] - shown);
+        let off = (run.train.force_cell[k] - shown).abs();
+        assert!(off < 1e-6, "row {k}: {off} N");
+        largest = largest.max((shown - run.train.force[k - 1]).abs());
+    }
+    assert!(largest > 1.0, "{largest} N");
 }
 
 /// Motor, friction and hidden force together are mass times acceleration, whatever is hidden.

@@ -409,7 +409,7 @@ mod tests {
             part("force_cell_drift", &[("rate", 0.2), ("amplitude", 0.8), ("time_constant", 1.0)]);
         for (in_holdout, expected) in [(0.0, false), (0.8, true)] {
             let (train, holdout) = (record(3, 6, 0.8), record(4, 4, in_holdout));
-            let mut search = with_laws(&[drift.clone()], &train, &holdout);
+            let mut search = with_laws(std::slice::from_ref(&drift), &train, &holdout);
             search.exchange().unwrap();
             let found = search.found().effects[0].value_of("amplitude").unwrap();
             assert_eq!(found != 0.0, expected, "{in_holdout} N on the hold-out: {found} N");
