@@ -61,7 +61,10 @@ def identify(program: Path, case: Case, holdout: Motion, out: Path) -> dict:
         "findings": summary.get("findings", []),
         "cpu": clock.parts,
     }
-    model = Stage.of(yaml_of((result / "identified.yaml").read_text()))
+    # All that was found, laws that explain a part only included.
+    partial = result / "partial.yaml"
+    found = partial if partial.exists() else result / "identified.yaml"
+    model = Stage.of(yaml_of(found.read_text()))
     shift = summary["declared_parameters"].get("sensor_shift", {}).get("value", 0.0)
     try:
         # Its shift is how early the encoder reads.

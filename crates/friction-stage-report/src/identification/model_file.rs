@@ -61,9 +61,9 @@ pub fn usable_model_file(
     partial: &str,
 ) -> Result<String, ReportError> {
     let verdict = summary.verdict.replace('_', " ");
+    let text = lists_in_lines(&model.to_yaml()?);
     Ok(format!(
-        "# verdict: {verdict}\n# without the laws that explain a part only, which {partial} has\n{}",
-        lists_in_lines(&model.to_yaml()?)
+        "# verdict: {verdict}\n# without the laws that explain a part only: see {partial}\n{text}"
     ))
 }
 

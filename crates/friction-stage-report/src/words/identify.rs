@@ -270,13 +270,17 @@ impl Words for IdentifyFinding {
                 times_noise(*left, *noise_floor),
                 sits(location, joint)
             ),
-            Self::PartialLaws { effects } => format!(
-                "{} explain{} a part only: the identified model is without {}, the partial one has {}",
-                effects.join(", "),
-                if effects.len() == 1 { "s" } else { "" },
-                if effects.len() == 1 { "it" } else { "them" },
-                if effects.len() == 1 { "it" } else { "them" },
-            ),
+            Self::PartialLaws { effects } => {
+                let (explain, them) = match effects.len() {
+                    1 => ("explains", "it"),
+                    _ => ("explain", "them"),
+                };
+                format!(
+                    "{} {explain} a part only: the identified model is without {them}, the \
+                     partial one has {them}",
+                    effects.join(", ")
+                )
+            }
             Self::MostLaws { laws } => format!(
                 "no more than {laws} laws are added: there may be further ones; declare those that \
                  are right in --model, and identify again"

@@ -115,8 +115,8 @@ impl Backlash {
         }
     }
 
-    /// Moves the part over a step in pieces; `acceleration` of the carriage, m/s^2. Where it comes to
-    /// a stop a piece ends, so that the force changes with the values as smoothly as it can.
+    /// Moves the part over a step in pieces; `acceleration` of the carriage, m/s^2. Where it comes
+    /// to a stop a piece ends, so that the force changes with the values as smoothly as it can.
     fn advance(&mut self, motion: &Motion, acceleration: f64, step: f64) -> ForceOverStep {
         let longest = step / (step * self.rate / FINEST).ceil().max(1.0);
         let mut velocity =

@@ -1,10 +1,11 @@
 //! Force cell lag: the cell shows the force late, by a lowpass, a latency, or both.
 //!
-//! Reading y(t - d), T dy/dt = F - y: F true force (N), T time_constant (s), d delay (s); either may
-//! be 0. The lowpass is exact for a force that is held over a step, the latency is in whole steps.
-//! Before the first step the force was that of the first one. Source: first-order lowpass of the
-//! amplifier, latency of converter and bus (assumed). Sizes: a lowpass of 100 to 1000 Hz (T = 1.6 to
-//! 0.16 ms), one to some samples. Not modelled: filters of higher order, a latency that changes.
+//! Reading y(t - d), T dy/dt = F - y: F true force (N), T time_constant (s), d delay (s); either
+//! may be 0. The lowpass is exact for a force that is held over a step, the latency is in whole
+//! steps. Before the first step the force was that of the first one. Source: first-order lowpass
+//! of the amplifier, latency of converter and bus (assumed). Sizes: a lowpass of 100 to 1000 Hz (T
+//! = 1.6 to 0.16 ms), one to some samples. Not modelled: filters of higher order, a latency that
+//! changes.
 //!
 //! An `actuator_lag` looks the same in cell less command, but there the carriage is late, too: with
 //! this one it obeys the command, and the cell comes after.
@@ -151,23 +152,31 @@ impl ReadingLaw for ForceCellLag {
 /// shows it with the opposite sign. Between the rows, which may be many samples apart, the command
 /// is a straight line.
 fn propose(residual: &Residual) -> Option<Vec<f64>> {
-    let fit = |time_constant: f64| {
+    let column = |time_constant: f64| {
         // By how much y is off the command, and the command of the row before.
         let (mut off, mut before) = (0.0, None);
-        let late = along(residual, |motion, step| {
+        along(residual, |motion, step| {
             let command = motion.motor_force;
             let slope = before.map_or(0.0, |before| (command - before) / step);
             let steady = -time_constant * slope;
             (off, before) =
                 (steady + (off - steady) * (-step / time_constant).exp(), Some(command));
             off
-        });
-        least_squares(residual.force, |k| [late[k]])
+        })
     };
-    let explained =
-        |time_constant: f64| fit(time_constant).map_or(f64::NEG_INFINITY, |fit| fit.explained);
-    let time_constant = largest_over_decades(SHORTEST, LONGEST, explained);
-    let fit = fit(time_constant)?;
+    let of_side = |sign: f64| {
+        let explained = |time_constant: f64| -> f64 {
+            let both = residual.force.iter().zip(column(time_constant));
+            let taken = both.map(|(force, off)| force * force - (force - sign * off).powi(2));
+            taken.filter(|taken| taken.is_finite()).sum()
+        };
+        let time_constant = largest_over_decades(SHORTEST, LONGEST, explained);
+        (explained(time_constant), time_constant)
+    };
+    let sides = [of_side(1.0), of_side(-1.0)];
+    let (_, time_constant) = sides.into_iter().max_by(|one, two| one.0.total_cmp(&two.0))?;
+    let late = column(time_constant);
+    let fit = least_squares(residual.force, |k| [late[k]])?;
     // A coefficient far from 1 is no lag of this length.
     (fit.is_something() && (0.5..2.0).contains(&fit.coefficients[0].abs()))
         .then(|| vec![time_constant, 0.0])

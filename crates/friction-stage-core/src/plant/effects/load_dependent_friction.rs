@@ -8,8 +8,8 @@
 //! energy. Not modelled: viscous friction or stiffness that depend on the load, a push one way
 //! that differs from one the other way.
 //!
-//! A search does not add it: a controller answers every force on the carriage, so that friction that
-//! follows the command takes a part of any force that is missing, whatever it is. A model that
+//! A search does not add it: a controller answers every force on the carriage, so that friction
+//! that follows the command takes a part of any force that is missing, whatever it is. A model that
 //! declares it has its rate fitted. It is the direction of the motion that distinguishes it from
 //! `motor_gain` and from a mass, which follow the acceleration.
 
