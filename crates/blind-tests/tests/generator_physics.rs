@@ -219,7 +219,7 @@ fn cell_shows_the_command_of_the_interval_that_ended() {
     }
 }
 
-/// Under held commands a lowpass goes a part of 1 - exp(-h/T) of the way to each, h the interval.
+/// Under held commands a lowpass covers a part of 1 - exp(-h/T) of the way to each, h the interval.
 #[test]
 fn a_late_cell_follows_each_command_by_an_exponential() {
     let late = ForceCellLag { time_constant: 1e-3 };

@@ -132,8 +132,8 @@ impl Search<'_> {
         Ok(fall >= self.criteria.fall && !is_noise)
     }
 
-    /// A curve for what a hypothesis leaves, drawn again while that is worth it: the guides were
-    /// biased by what was missing when it was first drawn.
+    /// A curve for what a hypothesis leaves, drawn again as long as that improves it: the guides
+    /// were biased by what was missing when it was first drawn.
     pub(super) fn with_settled_curve(
         &self,
         without: &Hypothesis,

@@ -48,7 +48,7 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     record_specific: RecordSpecific::Nothing,
     typical: &[5e-4, 0.0],
     check: descriptor::any,
-    // A form that is not there stays away.
+    // A form that is absent remains so.
     free: |values, index| values[index] > 0.0,
     build: |values| Action::ForceCell(Box::new(ForceCellLag::new(values[0], values[1]))),
     proposal: Some(propose),
@@ -198,7 +198,7 @@ fn lowpass_or_latency(values: &[f64], step: f64) -> Vec<Vec<f64>> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::regression::record::{Record, assert_silent_on_noise, proposal};
+    use super::super::regression::record::{Record, STEP, assert_silent_on_noise, proposal};
     use super::*;
     use crate::model::{EffectParameters, StageModel};
     use crate::plant::{Rates, Stage};
@@ -256,12 +256,14 @@ mod tests {
 
     #[test]
     fn proposal_finds_the_lag_on_either_side_and_nothing_in_noise() {
+        // The command of the record is held over each step, which comes half a step sooner.
+        let expected = 2e-3 - 0.5 * STEP;
         let found = proposal(&DESCRIPTOR, &[2e-3, 0.0]);
-        assert!((found[0] / 2e-3 - 1.0).abs() < 0.1, "{found:?}");
+        assert!((found[0] / expected - 1.0).abs() < 0.05, "{found:?}");
         let mut of_carriage = Record::motion().with_effect(&DESCRIPTOR, &[2e-3, 0.0]);
         of_carriage.force.iter_mut().for_each(|force| *force = -*force);
         let found = propose(&of_carriage.with_noise(0.3, 12).residual()).unwrap();
-        assert!((found[0] / 2e-3 - 1.0).abs() < 0.1, "{found:?}");
+        assert!((found[0] / expected - 1.0).abs() < 0.05, "{found:?}");
         assert_silent_on_noise(&DESCRIPTOR);
     }
 }
