@@ -28,8 +28,11 @@ pub struct Body {
     guides: GuideBank,
     guide_viscous: [f64; MAX_GUIDES],
     effects: Effects,
-    /// Whether an effect changes the guides' laws or bristles: a slower step then.
+    /// Whether an effect changes the guides' laws or bristles, or they have a Stribeck curve of
+    /// their own: a slower step then.
     shapes_friction: bool,
+    /// Whether there is neither that nor an effect.
+    is_plain: bool,
     /// Whether the mass is not always the same.
     changes_mass: bool,
     flexure: Option<Flexure>,
@@ -99,6 +102,11 @@ impl Body {
         if !(step > 0.0 && step <= limit) {
             return Err(ModelError::Step { step, limit });
         }
+        let bank = effects.bristle_elements().map_or_else(
+            || GuideBank::new(&guides),
+            |elements| GuideBank::with_elements(&guides, &elements),
+        );
+        let shapes_friction = effects.shapes_friction() || bank.is_shaped();
         Ok(Body {
             step,
             rest_mass: mass,
@@ -107,11 +115,9 @@ impl Body {
             guide_viscous: std::array::from_fn(|lane| {
                 guides.get(lane).map_or(0.0, |guide| guide.viscous_friction)
             }),
-            guides: effects.bristle_elements().map_or_else(
-                || GuideBank::new(&guides),
-                |elements| GuideBank::with_elements(&guides, &elements),
-            ),
-            shapes_friction: effects.shapes_friction(),
+            guides: bank,
+            shapes_friction,
+            is_plain: effects.is_empty() && !shapes_friction,
             changes_mass: effects.changes_mass(),
             effects,
             flexure: model.coupling.as_ref().map(|coupling| Flexure {
@@ -197,10 +203,13 @@ impl Body {
     fn move_rigid(&mut self, motor_force: f64, acceleration: f64, since: f64, span: f64) {
         let start_velocity = self.velocity;
         let middle_velocity = start_velocity + 0.5 * span * acceleration;
-        let step = if self.effects.is_empty() {
+        let step = if self.is_plain {
             StepForces::of_guides(&mut self.guides, middle_velocity, span)
         } else {
-            self.step_with_effects(middle_velocity, acceleration, motor_force, since, span)
+            let step =
+                self.step_with_effects(middle_velocity, acceleration, motor_force, since, span);
+            self.effects.follow(motor_force + step.motor_side, span);
+            step
         };
         let StepForces { friction_impulse, viscous_friction, motor_side, carriage_side } = step;
         let stop = self.stop_force(self.position + 0.5 * span * middle_velocity, middle_velocity);
@@ -212,7 +221,6 @@ impl Body {
         // Simpson's rule over start, middle and end.
         self.position += span / 6.0 * (start_velocity + 4.0 * middle_velocity + self.velocity);
         self.cell_force = motor_force + motor_side;
-        self.effects.follow(self.cell_force, span);
     }
 
     fn step_flexible(&mut self, motor_force: f64) {

@@ -337,9 +337,16 @@ impl GuideBank {
         self.coulomb_force * f64x4::splat(coulomb) + stribeck * stribeck_part
     }
 
+    /// g of guides whose curve is a Gaussian, without factors.
     fn level(&self, velocity_squared: f64x4) -> f64x4 {
         self.coulomb_force
-            + self.stribeck_force * exp2_of_negative(self.stribeck_power_at(velocity_squared))
+            + self.stribeck_force * exp2_of_negative(self.stribeck_coefficient * velocity_squared)
+    }
+
+    /// Whether the curve of any guide is no Gaussian: these are advanced by
+    /// [`GuideBank::advance_scaled`].
+    pub(super) fn is_shaped(&self) -> bool {
+        self.is_shaped
     }
 
     fn damping_at(&self, velocity_squared: f64x4) -> f64x4 {
@@ -434,7 +441,7 @@ impl GuideBank {
     ///
     /// Returns the momentum that bristles and their damping take from the carriage, N s: the sum
     /// over the guides of step sigma0 (z + z')/2 + sigma1 (z' - z), of which the second part is
-    /// exact.
+    /// exact. For guides whose Stribeck curve is a Gaussian.
     #[inline]
     pub(super) fn advance(&mut self, velocity: f64, step: f64) -> f64 {
         let squared = f64x4::splat(velocity * velocity);
@@ -496,7 +503,7 @@ impl GuideBank {
     /// still. For guides of one bristle each.
     pub fn move_trembling(&mut self, path: f64, speed: f64, step: f64) {
         let velocity = path / step;
-        let level = self.level(f64x4::splat(velocity * velocity));
+        let level = self.scaled_level(f64x4::splat(velocity * velocity));
         let power = self.relaxation * f64x4::splat(speed * step) / level;
         let decay = exp2_of_negative(power);
         self.bristle = self.bristle * decay + f64x4::splat(path) * mean_of_decay(power, decay);
@@ -506,7 +513,7 @@ impl GuideBank {
     /// `speed`, m/s.
     pub fn trembling_force(&self, velocity: f64, speed: f64) -> f64 {
         let squared = f64x4::splat(velocity * velocity);
-        let slip = self.stiffness * f64x4::splat(speed) / self.level(squared);
+        let slip = self.stiffness * f64x4::splat(speed) / self.scaled_level(squared);
         let rate = f64x4::splat(velocity) - slip * self.bristle;
         let of_bristles = self.stiffness * self.bristle + self.damping_at(squared) * rate;
         of_bristles.reduce_add() + self.viscous_friction * velocity

@@ -256,6 +256,7 @@ impl Stage {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::{Guide, GuideSource};
 
     #[test]
     fn a_physics_rate_that_is_no_multiple_is_refused_with_the_nearest_ones() {
@@ -287,5 +288,34 @@ mod tests {
         let rates = Rates::new(3000.0, 30_000.0).unwrap();
         assert_eq!(rates.time_of(3000 * 3600), 3_600_000_000_000);
         assert_eq!(rates.time_of(1), 333_333);
+    }
+
+    /// Steady sliding: the force of the motor is that of the Stribeck curve at the speed it comes
+    /// to, also without any effect.
+    #[test]
+    fn guides_with_a_stribeck_exponent_slide_along_their_curve() {
+        let guide = Guide {
+            stiffness: 4e5,
+            bristle_damping: 400.0,
+            viscous_friction: 50.0,
+            coulomb_force: 10.0,
+            static_force: 20.0,
+            stribeck_velocity: 0.5,
+            stribeck_exponent: Some(0.6),
+            damping_velocity: Some(5e-3),
+        };
+        let model = StageModel {
+            guides: vec![GuideSource::Inline(guide.clone())],
+            ..StageModel::default().without_noise()
+        };
+        let mut stage = Stage::new(&model, Rates::of_control(1000.0).unwrap(), 0).unwrap();
+        for _ in 0..60_000 {
+            stage.advance(60.0);
+        }
+        let friction = guide.steady_force(stage.state().velocity);
+        assert!((friction - 60.0).abs() < 1e-6, "{friction} N");
+        let gaussian = Guide { stribeck_exponent: None, ..guide };
+        let other = gaussian.steady_force(stage.state().velocity);
+        assert!((other - 60.0).abs() > 0.1, "{other} N");
     }
 }
