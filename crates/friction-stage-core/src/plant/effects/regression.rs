@@ -425,8 +425,29 @@ pub(super) mod record {
     use rand_distr::{Distribution, StandardNormal};
 
     use super::super::{EffectDescriptor, Effects, Motion, Residual, Samples};
-    use crate::model::Catalogue;
+    use crate::model::{Catalogue, EffectParameters, Guide, GuideSource, StageModel};
+    use crate::plant::Body;
     use crate::plant::guides::{FrictionScale, GuideBank};
+
+    /// A stage of 40 kg with an effect on a guide that hardly rubs, at steps of 25 µs.
+    pub fn on_a_slippery_guide(effect: EffectParameters) -> Body {
+        let slippery = Guide {
+            stiffness: 1e-3,
+            bristle_damping: 0.0,
+            viscous_friction: 0.0,
+            coulomb_force: 1e-9,
+            static_force: 1e-9,
+            stribeck_velocity: 1e-3,
+            stribeck_exponent: None,
+            damping_velocity: None,
+        };
+        let model = StageModel {
+            guides: vec![GuideSource::Inline(slippery)],
+            effects: vec![effect],
+            ..StageModel::default()
+        };
+        Body::new(&model, 25e-6).unwrap()
+    }
 
     /// 12 s at 2 kHz: moves to and fro over 0.2 m at three speeds with rests between them, on four
     /// guides.

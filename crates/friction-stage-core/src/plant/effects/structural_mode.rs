@@ -292,33 +292,17 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::regression::record::{assert_silent_on_noise, proposal};
+    use super::super::regression::record::{assert_silent_on_noise, on_a_slippery_guide, proposal};
     use super::*;
-    use crate::model::{EffectParameters, Guide, GuideSource, StageModel};
+    use crate::model::{EffectParameters, StageModel};
     use crate::plant::Body;
 
     /// 40 kg of which 8 kg on a spring of 50 Hz, on a guide that hardly rubs.
     fn body(damping: f64) -> Body {
-        let slippery = Guide {
-            stiffness: 1e-3,
-            bristle_damping: 0.0,
-            viscous_friction: 0.0,
-            coulomb_force: 1e-9,
-            static_force: 1e-9,
-            stribeck_velocity: 1e-3,
-            stribeck_exponent: None,
-            damping_velocity: None,
-        };
-        let mode = EffectParameters::new(
+        on_a_slippery_guide(EffectParameters::new(
             "structural_mode",
             [("mass", 8.0), ("frequency", 50.0), ("damping", damping)],
-        );
-        let model = StageModel {
-            guides: vec![GuideSource::Inline(slippery)],
-            effects: vec![mode],
-            ..StageModel::default()
-        };
-        Body::new(&model, 25e-6).unwrap()
+        ))
     }
 
     #[test]
