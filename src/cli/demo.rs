@@ -17,9 +17,13 @@ use crate::directory;
 use crate::interrupt::{self, Patience};
 use crate::made_by;
 use crate::node::driver::{Driver, LockstepRun};
+use friction_stage_core::model::StageModel;
+use friction_stage_core::plant::model_named;
 use friction_stage_data::bag::{BagReader, LOCKSTEP_EPOCH, topics};
 use friction_stage_data::message::ControllerState;
-use friction_stage_lab::{Conditioning, Move, MoveKind, MoveResult, PaperMotion, settling};
+use friction_stage_lab::{
+    Conditioning, Move, MoveKind, MoveResult, PaperMotion, Specimen, settling,
+};
 use friction_stage_report::figure::svg;
 use friction_stage_report::paper_motion::{PositionErrorSeries, demo_page, position_error_charts};
 use friction_stage_report::words::guide_label;
@@ -42,7 +46,8 @@ use friction_stage_report::words::guide_label;
 pub struct DemoArgs {
     #[command(subcommand)]
     other: Option<Demo>,
-    /// Guides to run, by catalogue name
+    /// Guides to run, by catalogue name; +distributed_bristles takes the catalogue's parallel
+    /// bristles
     #[arg(long, value_delimiter = ',', default_values_t = guides())]
     pub guides: Vec<String>,
     /// Directory for bags and figures [default: demo_ and the date]
@@ -80,7 +85,12 @@ enum Demo {
 const FINE_STEPS: usize = 5;
 
 fn guides() -> Vec<String> {
-    ["guide_1", "guide_2", "guide_3"].map(str::to_owned).into()
+    Specimen::PAPER_GUIDES.map(|name| name.to_owned() + Specimen::BRISTLES).into()
+}
+
+/// The guide of a model of --guides.
+fn plain(model: &str) -> &str {
+    model.strip_suffix(Specimen::BRISTLES).unwrap_or(model)
 }
 
 impl Default for DemoArgs {
@@ -103,7 +113,10 @@ impl Default for DemoArgs {
 /// What one guide showed.
 #[derive(Debug, Serialize)]
 struct GuideResult {
+    /// Its name in the catalogue.
     guide: String,
+    /// What the stage node had as its model.
+    model: String,
     moves: Vec<MoveRow>,
     cycles: u64,
     cycles_per_second: f64,
@@ -130,11 +143,20 @@ pub fn run(args: &DemoArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         "--rest is {}: must be between 0 and 3600 s",
         args.rest
     );
-    for guide in &args.guides {
-        friction_stage_core::model::StageModel::on_guides(guide).check()?;
+    let models = &args.guides;
+    let guides: Vec<&str> = models.iter().map(|model| plain(model)).collect();
+    for (index, (model, guide)) in models.iter().zip(&guides).enumerate() {
+        StageModel::on_guides(guide).check()?;
+        model_named(model)?;
+        if guides[..index].contains(guide) {
+            return Err(WrongArguments(format!(
+                "{guide} is among --guides twice: run it once more in another --out"
+            ))
+            .into());
+        }
     }
     let directory = args.out.clone().unwrap_or_else(|| directory::dated(Path::new(""), "demo"));
-    for bag in args.guides.iter().map(|guide| directory.join(guide)).filter(|bag| bag.exists()) {
+    for bag in guides.iter().map(|guide| directory.join(guide)).filter(|bag| bag.exists()) {
         if !args.force {
             return Err(WrongArguments(format!(
                 "{} holds a demo already: choose another --out, or replace it with --force",
@@ -166,13 +188,13 @@ pub fn run(args: &DemoArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let mut results = Vec::new();
     let mut errors = Vec::new();
     let mut incomplete = Vec::new();
-    for (index, guide) in args.guides.iter().enumerate() {
+    for (index, (model, &guide)) in models.iter().zip(&guides).enumerate() {
         interrupt::check()?;
         progress.say(format!("{guide}: starting"));
         let bag = directory.join(guide);
         let run = LockstepRun {
             stage_arguments: parameters(&[
-                format!("model:={guide}"),
+                format!("model:={model}"),
                 format!("seed:={}", args.seed),
                 format!("record:={}", bag.display()),
                 args.sync.parameter(),
@@ -202,7 +224,8 @@ pub fn run(args: &DemoArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         let one = [(name.clone(), measured.clone())];
         write_figure(&figure, &format!("40 kg stage on four guides: {name}"), &motion, &one)?;
         results.push(GuideResult {
-            guide: guide.clone(),
+            guide: guide.to_owned(),
+            model: model.clone(),
             moves: rows(&motion, &measured)
                 .with_context(|| format!("{} is not whole", bag.display()))?,
             cycles: done.cycles,
@@ -323,8 +346,9 @@ fn print(out: &mut dyn Write, results: &[GuideResult], overview: &Path) -> std::
     for result in results {
         writeln!(
             out,
-            "{}: bag {}, figure {}",
+            "{}: model {}, bag {}, figure {}",
             result.guide,
+            result.model,
             result.bag.display(),
             result.figure.display()
         )?;

@@ -333,7 +333,7 @@ impl Stage {
     pub fn reading_errors(&self, motor_force: f64, encoder: &mut [f64], cell: &mut [f64]) {
         let now = self.now(self.time, self.tick, &self.state);
         for (index, effect) in self.effects.iter().enumerate() {
-            encoder[index] = effect.encoder(&now);
+            encoder[index] = effect.encoder(&now, motor_force);
             cell[index] = effect.cell(&now, motor_force, self.states_of(index, &self.state));
         }
     }

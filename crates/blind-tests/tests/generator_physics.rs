@@ -5,9 +5,9 @@ use std::path::Path;
 
 use blind_tests::effects::{
     ActuatorLag, AsymmetricFriction, Backlash, CATALOGUE, CableChain, Cogging, ConstantForce,
-    DeadZone, EncoderCyclicError, EncoderSde, ForceCellDrift, ForceCellLag, FrictionDrift,
-    FrictionalLag, HardeningSpring, LISTED, LoadDependentFriction, MotorDroop, MotorGain,
-    MotorSaturation, Payload, SpeedRipple, by_name, composition,
+    DeadZone, EncoderCompliance, EncoderCyclicError, EncoderSde, ForceCellDrift, ForceCellLag,
+    FrictionDrift, FrictionalLag, HardeningSpring, LISTED, LoadDependentFriction, MotorDroop,
+    MotorGain, MotorSaturation, Payload, SpeedRipple, by_name, composition,
 };
 use blind_tests::guides::{Change, Elements, GUIDES, Slip};
 use blind_tests::noise::Noise;
@@ -557,6 +557,17 @@ fn cyclic_error_of_the_encoder_repeats_over_its_period() {
         // Half a turn on it has the other sign.
         let expected = -4e-6 * (std::f64::consts::TAU * (truth.position[k] + 0.01) / 0.02).cos();
         assert!((error - expected).abs() < 1e-12, "row {k}: {error} m, {expected} m");
+    }
+}
+
+/// The encoder is ahead of the carriage by what the drive yields under the force that moves it.
+#[test]
+fn an_encoder_on_the_motor_is_ahead_by_the_force_over_the_stiffness() {
+    let (columns, truth) = check_record(8, EncoderCompliance { compliance: 1e-8 });
+    for k in 1..columns.time.len() {
+        let ahead = columns.position[k] - truth.position[k];
+        let expected = columns.force[k - 1] / 1e8;
+        assert!((ahead - expected).abs() < 1e-14, "row {k}: {ahead} m, {expected} m");
     }
 }
 

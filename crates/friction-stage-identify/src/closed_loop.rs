@@ -295,12 +295,12 @@ pub fn position_error(
     let mut stage = Stage::new(&quiet, rates, 0)?;
     let start = trace.position.iter().copied().find(|x| x.is_finite()).unwrap_or(0.0);
     let sensors = Effects::new(&quiet.effects)?;
-    let read = sensors.read(0.0, start, 0.0).0;
     // At rest the guides hold what the motor gives: what the cell reads where there is one, without
     // what it reads wrong.
     let guides = quiet.resolved_guides()?;
     let first = |forces: &[f64]| forces.iter().copied().find(|force| force.is_finite());
     let force = first(&trace.force).unwrap_or(0.0);
+    let read = sensors.read(0.0, start, force).0;
     let held_by_guides = first(&trace.force_cell)
         .map_or(force, |cell| cell - (sensors.read(0.0, start, cell).1 - cell));
     stage.set_state(start - (read - start), 0.0, &holding(&guides, held_by_guides));
@@ -313,7 +313,9 @@ pub fn position_error(
         if recorded.is_finite() && unknown > LONGEST_BRIDGED {
             // Behind a hole the stage is where the recording says, as fast as it says; what its
             // bristles hold is not known.
-            let read = sensors.read(trace.time[row], recorded, 0.0).0;
+            let held = trace.force[row.saturating_sub(1)];
+            let held = if held.is_finite() { held } else { 0.0 };
+            let read = sensors.read(trace.time[row], recorded, held).0;
             let next = trace
                 .position
                 .get(row + 1)

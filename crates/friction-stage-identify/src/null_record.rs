@@ -103,7 +103,7 @@ impl Hypothesis {
             body => body?,
         };
         let start = measured.position[0];
-        let reads_too_much = body.effects().read(0.0, start, 0.0).0 - start;
+        let reads_too_much = body.effects().read(0.0, start, held).0 - start;
         body.set_state(start - reads_too_much, 0.0, &holding(&self.guides(), held));
         let mut noise = SensorNoise::new(self, measured, seed);
         let shift = self.sensor_shift() * dt;

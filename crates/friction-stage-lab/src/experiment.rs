@@ -23,7 +23,7 @@ use super::statements::{
     stiffness_errors,
 };
 use super::stribeck::{SPEEDS, StribeckCurve, stribeck};
-use friction_stage_core::model::{Catalogue, StageModel};
+use friction_stage_core::model::StageModel;
 
 /// The experiments.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -282,8 +282,15 @@ const DISTRIBUTED: &str = " distributed";
 impl Specimen {
     /// The paper's three guides.
     pub const PAPER_GUIDES: [&'static str; 3] = ["guide_1", "guide_2", "guide_3"];
+
+    /// The paper's three guides on parallel bristles, which have all that the paper states of them.
+    pub fn paper_guides() -> Result<Vec<Specimen>, LabError> {
+        let on_bristles = |name| Specimen::named(&format!("{name}{}", Specimen::BRISTLES));
+        Specimen::PAPER_GUIDES.into_iter().map(on_bristles).collect()
+    }
+
     /// What after a guide's name asks for its parallel bristles.
-    pub const BRISTLES: &'static str = "+distributed_bristles";
+    pub const BRISTLES: &'static str = StageModel::PARALLEL_BRISTLES;
 
     /// A guide of the catalogue by name; with [`Specimen::BRISTLES`] after it, on several bristles
     /// in parallel.
@@ -291,14 +298,13 @@ impl Specimen {
         let Some(guide) = name.strip_suffix(Specimen::BRISTLES) else {
             return Ok(Specimen::of_guide(name)?);
         };
-        Specimen::of_guide(guide)?;
-        let (inline, effect) = Catalogue::builtin()
-            .distributed_bristles(guide)
-            .ok_or_else(|| LabError::NoDistributedBristles { guide: guide.to_owned() })?;
-        let stage = StageModel { effects: vec![effect], ..StageModel::on_guides(guide) };
-        let mut found = Specimen::of_model(&stage)?.with_guide(inline);
-        found.name = guide.replace('_', " ") + DISTRIBUTED;
-        Ok(found)
+        let single = Specimen::of_guide(guide)?;
+        Ok(Specimen {
+            name: guide.replace('_', " ") + DISTRIBUTED,
+            rig: StageModel::named(&format!("rig:{name}"))?,
+            stage: StageModel::named(name)?,
+            ..single
+        })
     }
 
     /// Its name as part of a path.
@@ -309,20 +315,18 @@ impl Specimen {
 }
 
 impl ExperimentPlan {
-    /// An experiment with the paper's settings; without specimens on the paper's guides. Two
-    /// specimens of one name are refused.
+    /// An experiment with the paper's settings; without specimens on
+    /// [the paper's guides](Specimen::paper_guides), and for the stiffness of guide 1 on one
+    /// bristle as well. Two specimens of one name are refused.
     pub fn new(
         experiment: Experiment,
         mut specimens: Vec<Specimen>,
     ) -> Result<ExperimentPlan, LabError> {
         if specimens.is_empty() {
-            let names = Specimen::PAPER_GUIDES.into_iter().map(str::to_owned);
-            let distributed =
-                (experiment == Experiment::Paper).then(|| format!("guide_1{}", Specimen::BRISTLES));
-            specimens = names
-                .chain(distributed)
-                .map(|name| Specimen::named(&name))
-                .collect::<Result<_, _>>()?;
+            specimens = Specimen::paper_guides()?;
+            if experiment == Experiment::Paper {
+                specimens.push(Specimen::named(Specimen::PAPER_GUIDES[0])?);
+            }
         }
         for (index, of) in specimens.iter().enumerate() {
             if specimens[..index].iter().any(|other| other.file_name() == of.file_name()) {
@@ -580,12 +584,12 @@ impl ExperimentPlan {
     }
 }
 
-/// What the table of statements needs, if it is there: of the guides with one bristle each, or of
-/// those with several in parallel.
+/// What the table of statements needs, if it is there: of the guides with several bristles in
+/// parallel, or of those with one each.
 fn paper_results(results: &ExperimentResults) -> Option<PaperResults<'_>> {
     let single = ["guide 1", "guide 2", "guide 3"].map(str::to_owned);
     let parallel = single.clone().map(|name| name + DISTRIBUTED);
-    [single, parallel].iter().find_map(|names| paper_results_of(results, names))
+    [parallel, single].iter().find_map(|names| paper_results_of(results, names))
 }
 
 fn paper_results_of<'a>(

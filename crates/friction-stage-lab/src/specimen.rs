@@ -107,12 +107,6 @@ pub enum LabError {
         /// Shortest time for which that limit is enough, friction left out, s.
         slowest: f64,
     },
-    /// A guide without parallel bristles in the catalogue.
-    #[error("{guide} has no distributed bristles in the catalogue")]
-    NoDistributedBristles {
-        /// Name of the guide.
-        guide: String,
-    },
     /// A value out of its range.
     #[error("{value} must be {limit}")]
     Limit {

@@ -25,7 +25,8 @@ pub use motor::{
     SpeedRipple,
 };
 pub use sensor::{
-    EncoderCyclicError, EncoderScale, EncoderSde, ForceCellDrift, ForceCellGain, ForceCellLag,
+    EncoderCompliance, EncoderCyclicError, EncoderScale, EncoderSde, ForceCellDrift, ForceCellGain,
+    ForceCellLag,
 };
 pub use unlisted::{
     ForceStep, FrictionStep, LostMotion, PayloadStep, PositionVelocity, RailJoint, SaturatingBrake,
@@ -158,8 +159,8 @@ pub trait Law: std::fmt::Debug + Send + Sync {
     fn elements(&self) -> Option<Elements> {
         None
     }
-    /// Error of the encoder, m.
-    fn encoder(&self, _now: &Now<'_>) -> f64 {
+    /// Error of the encoder, m, at a force of the motor, N.
+    fn encoder(&self, _now: &Now<'_>, _force: f64) -> f64 {
         0.0
     }
     /// Error of the force cell, N, at a true force.
@@ -182,7 +183,7 @@ pub type Draw = fn(&mut Noise) -> Effect;
 
 /// Every effect with the way to draw one of usual size: first those that the library lists, then
 /// the others.
-pub const CATALOGUE: [(&str, Draw); 39] = [
+pub const CATALOGUE: [(&str, Draw); 40] = [
     ("cogging", Cogging::draw),
     ("force_ripple", ForceRipple::draw),
     ("motor_gain", MotorGain::draw),
@@ -213,6 +214,7 @@ pub const CATALOGUE: [(&str, Draw); 39] = [
     ("backlash", Backlash::draw),
     ("frictional_lag", FrictionalLag::draw),
     ("force_cell_lag", ForceCellLag::draw),
+    ("encoder_compliance", EncoderCompliance::draw),
     ("rail_joint", RailJoint::draw),
     ("force_step", ForceStep::draw),
     ("friction_step", FrictionStep::draw),
@@ -225,7 +227,7 @@ pub const CATALOGUE: [(&str, Draw); 39] = [
 ];
 
 /// Number of effects at the head of [`CATALOGUE`] that the library lists.
-pub const LISTED: usize = 30;
+pub const LISTED: usize = 31;
 
 /// An effect of usual size by name, drawn from a seed.
 pub fn by_name(name: &str, seed: u64) -> Option<Effect> {

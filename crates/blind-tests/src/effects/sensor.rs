@@ -37,7 +37,7 @@ impl Law for EncoderSde {
     fn scaled(&self, factor: f64) -> Effect {
         Box::new(Self { amplitude: factor * self.amplitude, ..self.clone() })
     }
-    fn encoder(&self, now: &Now<'_>) -> f64 {
+    fn encoder(&self, now: &Now<'_>, _force: f64) -> f64 {
         let angle = TAU * now.x / self.period;
         self.amplitude * ((angle - self.phase).cos() + 0.25 * (2.0 * angle).cos())
     }
@@ -65,7 +65,7 @@ impl Law for EncoderScale {
     fn scaled(&self, factor: f64) -> Effect {
         Box::new(Self { fraction: factor * self.fraction })
     }
-    fn encoder(&self, now: &Now<'_>) -> f64 {
+    fn encoder(&self, now: &Now<'_>, _force: f64) -> f64 {
         self.fraction * now.x
     }
 }
@@ -171,8 +171,35 @@ impl Law for EncoderCyclicError {
     fn scaled(&self, factor: f64) -> Effect {
         Box::new(Self { amplitude: factor * self.amplitude, ..self.clone() })
     }
-    fn encoder(&self, now: &Now<'_>) -> f64 {
+    fn encoder(&self, now: &Now<'_>, _force: f64) -> f64 {
         self.amplitude * (TAU * now.x / self.period - self.phase).cos()
+    }
+}
+
+/// Encoder on a motor that twists the drive before it moves the carriage: F/k ahead of it.
+#[derive(Debug, Clone)]
+pub struct EncoderCompliance {
+    /// 1/k, m/N.
+    pub compliance: f64,
+}
+
+impl EncoderCompliance {
+    /// A drive of 30 to 300 N/µm.
+    pub fn draw(noise: &mut Noise) -> Effect {
+        Box::new(Self { compliance: noise.log_between(30e6, 300e6).recip() })
+    }
+}
+
+impl Law for EncoderCompliance {
+    identity!("encoder_compliance", Sensor);
+    fn parameters(&self) -> Vec<(&'static str, f64)> {
+        vec![("compliance", self.compliance)]
+    }
+    fn scaled(&self, factor: f64) -> Effect {
+        Box::new(Self { compliance: factor * self.compliance })
+    }
+    fn encoder(&self, _now: &Now<'_>, force: f64) -> f64 {
+        self.compliance * force
     }
 }
 

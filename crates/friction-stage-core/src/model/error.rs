@@ -31,6 +31,8 @@ pub enum ModelError {
     UnknownGuide { key: String, name: String, hint: String, known: String },
     #[error("unknown guide `{name}`; known are {known}{hint}")]
     NotInCatalogue { name: String, hint: String, known: String },
+    #[error("{guide} has no parallel bristles in the catalogue")]
+    NoParallelBristles { guide: String },
     #[error("effects: unknown effect `{name}`; known are {known}{hint}")]
     UnknownEffect { name: String, hint: String, known: String },
     #[error("effects.{effect}: unknown parameter `{name}`; it takes {known}{hint}")]

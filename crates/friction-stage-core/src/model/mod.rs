@@ -200,16 +200,38 @@ impl StageModel {
         })
     }
 
+    /// The same stage or rig on the parallel bristles that the built-in catalogue has of its guide,
+    /// `guide` by name (`distributed_bristles` with the LuGre parameters that belong to it).
+    fn on_parallel_bristles(self, guide: &str) -> Result<StageModel, ModelError> {
+        let (inline, effect) = Catalogue::builtin()
+            .distributed_bristles(guide)
+            .ok_or_else(|| ModelError::NoParallelBristles { guide: guide.to_owned() })?;
+        Ok(StageModel {
+            name: self.name + StageModel::PARALLEL_BRISTLES,
+            guides: vec![GuideSource::Inline(inline); self.guides.len()],
+            effects: vec![effect],
+            ..self
+        })
+    }
+
     /// Reads and checks a model; `origin` names the text in errors (a bag, a parameter). A text
     /// that is no file opens none: a `catalogue` in it is refused.
     pub fn from_yaml(text: &str, origin: &str) -> Result<StageModel, ModelError> {
         StageModel::read(text, origin, None)
     }
 
+    /// What after the name of a catalogue's guide asks for its bristles in parallel.
+    pub const PARALLEL_BRISTLES: &str = "+distributed_bristles";
+
     /// The model that a user names: a guide of the catalogue for the stage on four of it,
-    /// `rig:GUIDE` for the measuring rig with one, or a model file. Its effects are not checked:
-    /// [`model_named`](crate::plant::model_named) does that, too.
+    /// `rig:GUIDE` for the measuring rig with one, either with
+    /// [`PARALLEL_BRISTLES`](StageModel::PARALLEL_BRISTLES) after the guide, or a model file. Its
+    /// effects are not checked: [`model_named`](crate::plant::model_named) does that, too.
     pub fn named(name: &str) -> Result<StageModel, ModelError> {
+        if let Some(plain) = name.strip_suffix(StageModel::PARALLEL_BRISTLES) {
+            let guide = plain.strip_prefix("rig:").unwrap_or(plain);
+            return StageModel::named(plain)?.on_parallel_bristles(guide);
+        }
         if let Some(guide) = name.strip_prefix("rig:") {
             return StageModel::measuring_rig(guide);
         }

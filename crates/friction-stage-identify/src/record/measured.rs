@@ -285,14 +285,14 @@ impl Measured {
             inner(&|k| (position[k + 1] - 2.0 * position[k] + position[k - 1]) * rate * rate);
         (self.command, self.cell, self.acceleration, self.mass) =
             (command, cell, acceleration, mass);
-        (self.velocity, self.steps) = self.moved_by(&self.command);
+        (self.velocity, self.steps) = self.moved_by(&self.position, &self.command);
     }
 
-    /// Velocity at the nodes, m/s, and the motion in steps, where this force of the motor at the
-    /// nodes, N, shakes the carriage at rest.
-    pub(crate) fn moved_by(&self, push: &[f64]) -> (Vec<f64>, Vec<Step>) {
-        let (position, count, rate, dt, mass) =
-            (&self.position, self.len(), self.rate, self.rate.recip(), self.mass);
+    /// Velocity at the nodes, m/s, and the motion in steps, where the carriage is at these
+    /// positions, m, but for the encoder's noise, and this force of the motor at the nodes, N,
+    /// shakes it at rest.
+    pub(crate) fn moved_by(&self, position: &[f64], push: &[f64]) -> (Vec<f64>, Vec<Step>) {
+        let (count, rate, dt, mass) = (self.len(), self.rate, self.rate.recip(), self.mass);
         // A cell's noise would shake the carriage more than the controller does.
         let shaken = self
             .has_command

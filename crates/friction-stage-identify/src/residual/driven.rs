@@ -158,7 +158,15 @@ impl Force {
 
 impl Moved {
     fn new(sensors: Vec<Part>, lags: Vec<Part>, measured: &Measured) -> Result<Moved, ModelError> {
-        let shaken = if lags.is_empty() {
+        let effects = effects_of(&sensors)?;
+        let compliance = effects.encoder_compliance();
+        // By how much an encoder on the motor is ahead of the carriage at a sample: of what has
+        // acted until then; before the first one that was the same (assumed).
+        let ahead: Vec<f64> = (0..measured.len())
+            .map(|k| compliance * measured.raw_command[k.saturating_sub(1)])
+            .collect();
+        // As the encoder says, or as the command says where it comes late.
+        let steps = if lags.is_empty() && compliance == 0.0 {
             None
         } else {
             let late = force(lags.clone(), measured, &Moved::default())?;
@@ -168,33 +176,34 @@ impl Moved {
                 .zip(&late.at_nodes)
                 .map(|(command, late)| command + late)
                 .collect();
-            Some(measured.moved_by(&arriving).1)
+            let behind: Vec<f64> =
+                measured.position.iter().zip(&ahead).map(|(read, ahead)| read - ahead).collect();
+            Some(measured.moved_by(&behind, &arriving).1)
         };
         if sensors.is_empty() {
-            return Ok(Moved { sensors, lags, steps: shaken, errors: Vec::new() });
+            return Ok(Moved { sensors, lags, steps, errors: Vec::new() });
         }
         // What the encoder reads wrong is no motion: neither the mass nor the guides feel it.
-        let effects = effects_of(&sensors)?;
         let error = |time: f64, reading: f64| {
             reading - undo(reading, |position| effects.read(time, position, 0.0).0)
         };
-        let mut errors = vec![0.0; measured.len()];
-        errors[0] = error(measured.time[0], measured.position[0]);
-        let mut at_end = errors[0];
-        let mut steps = shaken.clone().unwrap_or_else(|| measured.steps.clone());
-        for step in &mut steps {
+        let mut errors = ahead.clone();
+        let mut wrong = steps.clone().unwrap_or_else(|| measured.steps.clone());
+        let mut at_end = error(measured.time[0], measured.position[0] - ahead[0]);
+        errors[0] += at_end;
+        for step in &mut wrong {
             let motion = &mut step.motion;
             // Each step begins where the one before it ended.
             let from = at_end;
             at_end = error(motion.time, motion.position + 0.5 * motion.velocity * step.duration);
-            errors[step.node + 1] = at_end;
+            errors[step.node + 1] = ahead[step.node + 1] + at_end;
             motion.position -= 0.5 * (from + at_end);
             motion.velocity -= (at_end - from) / step.duration;
             step.sliding -= (at_end - from) / step.duration;
         }
         let moves_as_read = errors.iter().all(|error| *error == 0.0);
         let (steps, errors) =
-            if moves_as_read { (shaken, Vec::new()) } else { (Some(steps), errors) };
+            if moves_as_read { (steps, Vec::new()) } else { (Some(wrong), errors) };
         Ok(Moved { sensors, lags, steps, errors })
     }
 }

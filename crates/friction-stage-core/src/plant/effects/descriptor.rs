@@ -477,7 +477,7 @@ mod tests {
                         | (Role::Bristles, Action::Bristles(_))
                         | (Role::Mass, Action::Mass(_))
                         | (Role::VaryingMass, Action::VaryingMass(_))
-                        | (Role::Encoder, Action::Encoder(_))
+                        | (Role::Encoder, Action::Encoder(_) | Action::Compliance(_))
                         | (Role::ForceCell, Action::ForceCell(_))
                 );
                 assert!(agree, "{}: {role:?}, {action:?}", effect.name);

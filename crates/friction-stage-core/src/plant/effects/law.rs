@@ -31,6 +31,8 @@ pub(crate) enum Action {
     VaryingMass(Box<dyn MassLaw>),
     /// What the encoder reads at a true position, m, before noise and quantisation.
     Encoder(Box<dyn ReadingLaw>),
+    /// Compliance between the carriage and the motor that the encoder is on, m/N.
+    Compliance(f64),
     /// What the force cell reads under a true force, N, before noise.
     ForceCell(Box<dyn ReadingLaw>),
 }

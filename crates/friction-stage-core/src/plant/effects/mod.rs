@@ -33,6 +33,7 @@ mod cogging;
 mod constant_force;
 mod dead_zone;
 mod distributed_bristles;
+mod encoder_compliance;
 mod encoder_cyclic_error;
 mod encoder_scale;
 mod encoder_sde;
@@ -69,6 +70,7 @@ pub const ALL: &[&EffectDescriptor] = &[
     &dead_zone::DESCRIPTOR,
     &distributed_bristles::DESCRIPTOR,
     &encoder_cyclic_error::DESCRIPTOR,
+    &encoder_compliance::DESCRIPTOR,
     &encoder_scale::DESCRIPTOR,
     &encoder_sde::DESCRIPTOR,
     &external_vibration::DESCRIPTOR,

@@ -556,7 +556,8 @@ pub(super) mod record {
             for k in 0..self.time.len() {
                 let errors = [k.saturating_sub(1), k, k + 1].map(|k| {
                     let k = k.min(self.time.len() - 1);
-                    effects.read(self.time[k], self.position[k], 0.0).0 - self.position[k]
+                    effects.read(self.time[k], self.position[k], self.command[k]).0
+                        - self.position[k]
                 });
                 let apparent = (errors[2] - 2.0 * errors[1] + errors[0]) / (STEP * STEP);
                 effects.follow(self.command[k], STEP);

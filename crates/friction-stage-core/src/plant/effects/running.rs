@@ -31,6 +31,8 @@ pub struct Effects {
     /// N/m
     stiffness: f64,
     encoder: Vec<Box<dyn ReadingLaw>>,
+    /// Of the encoder against the carriage, m/N.
+    compliance: f64,
     force_cell: Vec<Box<dyn ReadingLaw>>,
     motor_side: f64,
     carriage_side: f64,
@@ -123,6 +125,7 @@ impl Effects {
             masses: Vec::new(),
             stiffness: 0.0,
             encoder: Vec::new(),
+            compliance: 0.0,
             force_cell: Vec::new(),
             motor_side: 0.0,
             carriage_side: 0.0,
@@ -153,6 +156,7 @@ impl Effects {
             Action::Mass(mass) => self.added_mass += mass,
             Action::VaryingMass(law) => self.masses.push(law),
             Action::Encoder(law) => self.encoder.push(law),
+            Action::Compliance(compliance) => self.compliance += compliance,
             Action::ForceCell(law) => self.force_cell.push(law),
         }
     }
@@ -294,13 +298,20 @@ impl Effects {
         self.motor_side + self.carriage_side
     }
 
-    /// What encoder (m) and force cell (N) read, before noise and quantisation. Each effect is
-    /// wrong about the truth, none about what another makes of it.
+    /// What encoder (m) and force cell (N) read with the carriage at `position` and under the force
+    /// of the motor that has acted until now, before noise and quantisation. Each effect is wrong
+    /// about the truth, none about what another makes of it.
     pub fn read(&self, time: f64, position: f64, force: f64) -> (f64, f64) {
         let read = |laws: &[Box<dyn ReadingLaw>], truth: f64| {
             laws.iter().fold(truth, |reading, law| reading + (law.reading(time, truth) - truth))
         };
-        (read(&self.encoder, position), read(&self.force_cell, force))
+        let ahead = self.compliance * force;
+        (read(&self.encoder, position) + ahead, read(&self.force_cell, force))
+    }
+
+    /// By how much the encoder is ahead of the carriage per force of the motor, m/N.
+    pub fn encoder_compliance(&self) -> f64 {
+        self.compliance
     }
 
     /// Lets a force cell that is late follow the true force, N, that stood for a step, s. After
