@@ -236,6 +236,34 @@ pub(super) mod tests {
         Part { descriptor, values: descriptor.values_of(&given).unwrap() }
     }
 
+    /// A cell whose zero drifts: a little slower than the law has it at most, and a little faster,
+    /// which the noise hides.
+    #[test]
+    fn a_law_on_a_bound_of_its_parameter_is_not_found() {
+        let model = StageModel::default();
+        let law = EffectDescriptor::find("force_cell_drift").unwrap();
+        let (_, most) = law.parameters[0].bounds;
+        for (rate, verdict) in [(most - 1.0, Verdict::Found), (most + 2e-3, Verdict::Unknown)] {
+            let record = |seed, moves| {
+                let mut trace = recording(&model, seed, 0.0, moves);
+                let since = |time: &f64| rate * (time - trace.time[0]);
+                let drifted: Vec<f64> = trace.time.iter().map(since).collect();
+                trace.force_cell.iter_mut().zip(drifted).for_each(|(cell, more)| *cell += more);
+                Measured::new(&trace, &model, "the record").unwrap()
+            };
+            let (train, holdout) = (record(3, 4), record(4, 2));
+            let found = search(&model, Tolerances::default(), &train, &holdout, &Silent).unwrap();
+            let effects = found.after.fitted.hypothesis.effects;
+            let [Part { descriptor, values }] = &effects[..] else { panic!("{rate}: {effects:?}") };
+            assert_eq!(descriptor.name, "force_cell_drift");
+            assert!((values[0] - rate.min(most)).abs() < 1e-3, "{rate}: {values:?}");
+            assert_eq!(found.verdict, verdict, "{rate}: {values:?}");
+            assert_eq!(found.at_bound, verdict == Verdict::Unknown);
+            // Under `unknown` it explains a part only, and no model has it.
+            assert_eq!(found.usable.effects.is_empty(), verdict == Verdict::Unknown);
+        }
+    }
+
     #[test]
     fn ripples_of_one_law_are_one_law_and_a_curve_is_none() {
         let ripple = |period: f64| part("cogging", &[("amplitude", 1.0), ("period", period)]);
