@@ -43,7 +43,7 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     free: descriptor::all_free,
     build: |values| Action::Friction(Box::new(FrictionalLag::new(values[0]))),
     proposal: Some(propose),
-    starts: |values, _| [1.0, 0.3, 3.0].map(|factor| vec![factor * values[0]]).to_vec(),
+    starts: |values, _| [1.0, 0.1, 0.01].map(|factor| vec![factor * values[0]]).to_vec(),
     curve: None,
 };
 
