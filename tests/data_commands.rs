@@ -422,3 +422,38 @@ fn the_friction_curve_of_a_guide_on_the_rig_is_that_of_the_catalogue() {
     let output = stdout(&friction_stage(&["friction-curve", text(&bag)]));
     assert!(output.contains("left out: the force drifts up to the end"), "{output}");
 }
+
+/// Half a move is force, friction and cogging in unknown parts: what a fit makes of it is no
+/// statement on signs, units or the machine.
+#[test]
+fn a_stretch_of_a_sound_recording_is_not_said_to_be_of_another_sign_unit_or_machine() {
+    let home = TempDir::new().unwrap();
+    let made = home.path().join("made");
+    assert!(friction_stage(&["demo", "recordings", "--out", text(&made)]).status.success());
+    let (bag, model) = (made.join("train"), made.join("declared.yaml"));
+    let mut checked = 0;
+    for seconds in [0.6, 1.2] {
+        for start in (0..18).map(|index| 0.7 * f64::from(index)) {
+            let (from, to) = (format!("{start:.2}"), format!("{:.2}", start + seconds));
+            let output = friction_stage(&[
+                "check",
+                text(&bag),
+                "--model",
+                text(&model),
+                "--from",
+                &from,
+                "--to",
+                &to,
+                "--json",
+            ]);
+            let reported: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+            let findings = reported["data"]["findings"].as_array().unwrap();
+            let fatal = findings.iter().filter(|finding| finding["severity"] == "fatal");
+            let codes: Vec<&str> = fatal.filter_map(|finding| finding["code"].as_str()).collect();
+            // A stretch of a rest does not move.
+            assert!(codes.iter().all(|code| *code == "no_motion"), "{from} to {to} s: {codes:?}");
+            checked += 1;
+        }
+    }
+    assert_eq!(checked, 36);
+}

@@ -46,8 +46,8 @@ use friction_stage_report::words::guide_label;
 pub struct DemoArgs {
     #[command(subcommand)]
     other: Option<Demo>,
-    /// Guides to run, by catalogue name; +distributed_bristles takes the catalogue's parallel
-    /// bristles
+    /// Guides to run, by catalogue name, with commas between them; +distributed_bristles takes the
+    /// catalogue's parallel bristles
     #[arg(long, value_delimiter = ',', default_values_t = guides())]
     pub guides: Vec<String>,
     /// Directory for bags and figures [default: demo_ and the date]
@@ -150,7 +150,8 @@ pub fn run(args: &DemoArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         model_named(model)?;
         if guides[..index].contains(guide) {
             return Err(WrongArguments(format!(
-                "{guide} is among --guides twice: run it once more in another --out"
+                "--guides has two models on {guide}, whose bag would be the same: run the other \
+                 one in another --out"
             ))
             .into());
         }

@@ -22,8 +22,8 @@ pub enum IdentifyError {
     Rates { first: f64, other: f64 },
     #[error(
         "these are other guides than the model declares: {beyond} (tolerance {tolerance:.0} %); \
-         with these values {left:.4} N of {before:.4} N are left. Declare them, or widen the \
-         tolerance of the guides"
+         with these values {left:.4} N of {before:.4} N are left. Declare them, or, for a value \
+         other than 0, widen the tolerance of the guides"
     )]
     OtherGuides { beyond: String, tolerance: f64, before: f64, left: f64 },
     #[error(

@@ -638,10 +638,14 @@ fn paper_fit(
     let Some(of) = specimens.iter().find(|of| of.name == "guide 1") else { return Ok(None) };
     let static_force = of.guide()?.static_force;
     let best_single = best_single(&STATED_STIFFNESS, static_force);
+    let errors = stiffness_errors(single, distributed, best_single, static_force);
+    if errors.is_empty() {
+        return Ok(None);
+    }
     Ok(Some(StiffnessFit {
         best_single_stiffness: best_single,
         distributed: fit_stated(static_force)?,
-        errors: stiffness_errors(single, distributed, best_single, static_force),
+        errors,
     }))
 }
 

@@ -279,16 +279,8 @@ impl Specimen {
     pub fn break_away_distance(&self) -> Result<f64, ModelError> {
         let guide = self.guide()?;
         let single = guide.static_force / guide.stiffness;
-        let Some(elements) = Effects::new(&self.rig.effects)?.bristle_elements() else {
-            return Ok(single);
-        };
-        let longest = elements
-            .shares
-            .iter()
-            .filter(|share| share.stiffness > 1e-9 && share.strength > 1e-9)
-            .map(|share| share.strength / share.stiffness)
-            .fold(0.0, f64::max);
-        Ok(single * if longest > 0.0 { longest } else { 1.0 })
+        let elements = Effects::new(&self.rig.effects)?.bristle_elements();
+        Ok(single * elements.map_or(1.0, |elements| elements.last_break_away()))
     }
 
     /// The rig's bristle elements as guides, for whose slow loops closed forms hold that add up:

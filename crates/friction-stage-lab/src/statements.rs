@@ -110,21 +110,22 @@ pub fn stiffness_errors(
     static_force: f64,
 ) -> Vec<StiffnessError> {
     let error = |curves, amplitude, stated: f64| {
-        loop_at(curves, amplitude).map_or(f64::NAN, |found| found.stiffness.value / stated - 1.0)
+        loop_at(curves, amplitude).map(|found| found.stiffness.value / stated - 1.0)
     };
-    STATED_STIFFNESS
-        .iter()
-        .map(|&(amplitude, stated)| StiffnessError {
+    // Amplitudes that were measured.
+    let of = |&(amplitude, stated): &(f64, f64)| {
+        Some(StiffnessError {
             amplitude,
             stated,
-            catalogue: error(single, amplitude, stated),
+            catalogue: error(single, amplitude, stated)?,
             best_single: static_force * (best * amplitude / static_force).tanh()
                 / amplitude
                 / stated
                 - 1.0,
-            distributed: error(distributed, amplitude, stated),
+            distributed: error(distributed, amplitude, stated)?,
         })
-        .collect()
+    };
+    STATED_STIFFNESS.iter().filter_map(of).collect()
 }
 
 /// The fit of three bristles to guide 1's stated stiffnesses under a static friction, N.

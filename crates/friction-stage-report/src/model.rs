@@ -47,7 +47,8 @@ pub struct Derived {
     pub damping_ratio: f64,
     /// Static friction of all guides together, N: above it the stage slides.
     pub break_away_force: f64,
-    /// Deflection at which the first guide breaks away, m: Fs/sigma0.
+    /// Deflection at which the first guide has broken away, m: Fs/sigma0, on bristles in parallel
+    /// that of the last element.
     pub break_away_distance: f64,
     /// Largest force that the paper's move of 50 mm in 100 ms needs, N; none of a revolute joint.
     pub fast_move_force: Option<f64>,
@@ -59,9 +60,9 @@ impl ModelFacts {
     /// The facts of a model, whose effects are checked too.
     pub fn new(model: &StageModel) -> Result<ModelFacts, ModelError> {
         model.check()?;
-        Effects::new(&model.effects)?;
+        let effects = Effects::new(&model.effects)?;
         let guides = model.resolved_guides()?;
-        let derived = Derived::new(model, &guides)?;
+        let derived = Derived::new(model, &guides, &effects)?;
         let assumptions = model.assumptions();
         let notes = model.passivity_note()?.into_iter().collect();
         Ok(ModelFacts { model: model.clone(), guides, assumptions, notes, derived })
@@ -69,7 +70,8 @@ impl ModelFacts {
 }
 
 impl Derived {
-    fn new(model: &StageModel, guides: &[Guide]) -> Result<Derived, ModelError> {
+    fn new(model: &StageModel, guides: &[Guide], effects: &Effects) -> Result<Derived, ModelError> {
+        let last = effects.bristle_elements().map_or(1.0, |elements| elements.last_break_away());
         let sum = |of: fn(&Guide) -> f64| guides.iter().map(of).sum::<f64>();
         let mut moving_mass =
             model.mass + model.coupling.as_ref().map_or(0.0, |coupling| coupling.motor_mass);
@@ -90,7 +92,7 @@ impl Derived {
             break_away_force: sum(|guide| guide.static_force),
             break_away_distance: guides
                 .iter()
-                .map(|guide| guide.static_force / guide.stiffness)
+                .map(|guide| last * guide.static_force / guide.stiffness)
                 .fold(f64::INFINITY, f64::min),
             fast_move_force,
             fast_move_possible: fast_move_force.map(|force| force <= model.motor.force_limit),

@@ -31,7 +31,9 @@ pub enum ModelError {
     UnknownGuide { key: String, name: String, hint: String, known: String },
     #[error("unknown guide `{name}`; known are {known}{hint}")]
     NotInCatalogue { name: String, hint: String, known: String },
-    #[error("{guide} has no parallel bristles in the catalogue")]
+    #[error(
+        "`{guide}+distributed_bristles`: the catalogue has no parallel bristles of a guide `{guide}`"
+    )]
     NoParallelBristles { guide: String },
     #[error("effects: unknown effect `{name}`; known are {known}{hint}")]
     UnknownEffect { name: String, hint: String, known: String },

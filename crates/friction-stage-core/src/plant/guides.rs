@@ -117,6 +117,16 @@ pub struct BristleElements {
     pub slip: Slip,
 }
 
+impl BristleElements {
+    /// Break-away distance of the element that breaks away last, as a part of that of a single
+    /// bristle; 1 where no element has strength and stiffness.
+    pub fn last_break_away(&self) -> f64 {
+        let carrying =
+            self.shares.iter().filter(|share| share.stiffness > 1e-9 && share.strength > 1e-9);
+        carrying.map(|share| share.strength / share.stiffness).reduce(f64::max).unwrap_or(1.0)
+    }
+}
+
 /// Bristle elements in parallel, the same shares in every guide.
 #[derive(Clone, Copy, Debug)]
 struct Elements {

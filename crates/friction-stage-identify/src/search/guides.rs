@@ -152,7 +152,7 @@ impl<'a> Search<'a> {
         let again = with_different_guides(&again.hypothesis, self.train, effort)?.hypothesis;
         let left = errors(&again, self.train, self.holdout)?;
         let declared = Hypothesis::new(declared, tolerances)?;
-        let mut farthest = 1.0f64;
+        let mut is_far = false;
         let beyond: Vec<String> = NominalParameter::SLIDING
             .into_iter()
             .filter_map(|one| {
@@ -160,27 +160,27 @@ impl<'a> Search<'a> {
                     |hypothesis: &Hypothesis| hypothesis.declared_value(one, self.train.rate);
                 let (name, unit) = (one.name(), one.unit());
                 let (is, was) = (value(&again), value(&declared));
-                // Of none at all there is no share: what it brings at the largest speed is one of
-                // the Coulomb friction.
-                let factor = match (one, was) {
+                // Of none at all there is no share, however wide the tolerance: what it brings at
+                // the largest speed is one of the Coulomb friction.
+                let (factor, tolerance) = match (one, was) {
                     (NominalParameter::ViscousFriction, 0.0) => {
                         let coulomb =
                             again.declared_value(NominalParameter::CoulombForce, self.train.rate);
-                        1.0 + is * self.train.largest_speed() / coulomb
+                        let usual = Tolerances::default().guides.min(tolerances.guides);
+                        (1.0 + is * self.train.largest_speed() / coulomb, usual)
                     }
-                    _ => (is / was).max(was / is),
+                    _ => ((is / was).max(was / is), tolerances.guides),
                 };
                 // The others show only where a stage hardly moves: what a law does there moves them
                 // far.
                 if matches!(one, NominalParameter::CoulombForce | NominalParameter::ViscousFriction)
                 {
-                    farthest = farthest.max(factor);
+                    is_far |= factor > 1.0 + self.criteria.far_guides * tolerance;
                 }
-                (factor > 1.0 + tolerances.guides)
+                (factor > 1.0 + tolerance)
                     .then(|| format!("{name} is {is:.4} {unit}, declared {was:.4} {unit}"))
             })
             .collect();
-        let is_far = farthest > 1.0 + self.criteria.far_guides * tolerances.guides;
         let tolerance = tolerances.guides;
         Ok((!beyond.is_empty()).then_some(OtherGuides { beyond, tolerance, is_far, left }))
     }

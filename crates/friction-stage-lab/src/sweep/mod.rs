@@ -315,6 +315,12 @@ impl SweepPlan {
                 let mut document = serde_json::to_value(&self.model).map_err(internal)?;
                 document::set(&mut document, path, &value).map_err(|hint| unknown(within(hint)))?;
                 match serde_json::from_value::<StageModel>(document) {
+                    Ok(model) if value.number().is_none() && has_own_bristles(&model, path) => {
+                        let reason = "the model has distributed_bristles, whose shares are those \
+                                      of its own guides: sweep over a model without them"
+                            .to_owned();
+                        return Err(SweepError::Value { key: key.clone(), value, reason });
+                    }
                     Ok(model) if value.number().is_none() => {
                         let guides = model.resolved_guides().map(drop);
                         let names = guides.and_then(|()| Effects::new(&model.effects).map(drop));
@@ -571,6 +577,17 @@ impl NumberedPlan for SweepPlan {
 /// Name of the column of the time to settle into a band.
 fn settling_column(band: f64) -> String {
     format!("settling_{}nm_s", (band * 1e9).round())
+}
+
+/// Whether a path names guides, and the model has bristles that belong to those that it has.
+fn has_own_bristles(model: &StageModel, path: &str) -> bool {
+    let names_guides = path == "guides" || path.strip_prefix("guides.").is_some_and(is_number);
+    let bristles = || Effects::new(&model.effects).ok()?.bristle_elements();
+    names_guides && bristles().is_some()
+}
+
+fn is_number(text: &str) -> bool {
+    text.parse::<usize>().is_ok()
 }
 
 #[cfg(test)]

@@ -10,8 +10,7 @@
 //! on the drive, so it is for motions well below it (a `coupling` of the model has it); play
 //! (`backlash`); the same with a scale whose head yields, which is behind where this is ahead.
 //!
-//! With a command that comes late the force is the command as it was given (assumed): identification
-//! knows no other.
+//! With a command that comes late identification takes the command as it was given (assumed).
 
 use super::regression::{least_squares, step_of};
 use super::{

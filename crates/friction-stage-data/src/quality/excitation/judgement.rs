@@ -241,7 +241,7 @@ impl Judgement {
 }
 
 /// Share of the mean square of the force that acceleration must bring for a mass. Assumed.
-const LEAST_INERTIA: f64 = 0.01;
+pub(super) const LEAST_INERTIA: f64 = 0.01;
 /// Stribeck velocities that the fastest speed must reach. Assumed: there the curve is flat.
 const FAST: f64 = 3.0;
 /// Rests that show ageing, the ratio of the longest to the shortest, and the length of the longest,
@@ -330,10 +330,10 @@ impl<'a> Judge<'a> {
             let share = fit.apparent_acceleration.min(1.0);
             return Err(Obstacle::AccelerationIsNoise { share });
         }
-        if share <= LEAST_INERTIA {
+        let (mass, deviation) = (fit.mass, fit.mass_deviation);
+        if share <= LEAST_INERTIA || !deviation.is_finite() {
             return Err(Obstacle::LittleInertia { acceleration, share });
         }
-        let (mass, deviation) = (fit.mass, fit.mass_deviation);
         Ok(JudgementBasis::Inertia { acceleration, share, mass, deviation })
     }
 

@@ -75,14 +75,18 @@ pub struct NoiseFound {
 pub struct RoughFit {
     /// Mass, kg.
     pub mass: f64,
-    /// Its standard deviation, kg, as if the residual were white.
+    /// Its standard deviation, kg: neighbours whose residuals are alike count as one datum;
+    /// infinite (`null` in JSON) where there are too few.
     pub mass_deviation: f64,
+    /// Mass that either half of the data gives by itself, kg.
+    #[serde(skip)]
+    pub masses_of_halves: [f64; 2],
     /// Mass and its standard deviation, kg, where a force over the position is allowed
     /// for: a cable chain, a spring, a slope.
     pub mass_with_spring: [f64; 2],
     /// Coulomb friction, N.
     pub coulomb: f64,
-    /// Its standard deviation, N, as if the residual were white.
+    /// Its standard deviation, N, in the same way.
     pub coulomb_deviation: f64,
     /// Viscous friction, N s/m.
     pub viscous: f64,

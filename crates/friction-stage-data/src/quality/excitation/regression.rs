@@ -1,11 +1,15 @@
 //! The force regressed on the motion, and one signal on another.
 
+use std::ops::{Range, RangeInclusive};
+
 use nalgebra::{Matrix4, Matrix5, Vector4, Vector5};
 
+use super::judgement::LEAST_INERTIA;
 use super::motion::Moment;
 use super::{Examiner, NOISE_IN_ACCELERATION, RoughFit, clear_speed, rms_of_acceleration_noise};
 use crate::signals::Signal;
 use friction_stage_core::model::Guide;
+use friction_stage_core::numerics::correlation::correlation_length;
 
 /// Evenness from which on no turn is within a moment, of which the force is a mean: of a carriage
 /// that accelerates evenly from rest, at the moment's start, it is a third.
@@ -14,14 +18,19 @@ const ONE_WAY: f64 = 1.0 / 3.0;
 /// 1 - e^-5 of their force.
 const BREAK_AWAYS: f64 = 5.0;
 
+/// Part of a value of all data that one half of them gives, by itself, where the value is more than
+/// what else goes on in one stretch of the motion. Assumed.
+const ALIKE: RangeInclusive<f64> = 0.5..=2.0;
+
 impl RoughFit {
     /// Whether the mass is known well enough to say that a sign, a unit or the machine is another:
-    /// where the acceleration explains less than the fit leaves, what the fit lacks passes for a
-    /// mass.
+    /// where the acceleration explains little, or less than the fit leaves, what the fit lacks
+    /// passes for a mass.
     pub(super) fn knows_the_mass(&self) -> bool {
         self.acceleration_is_seen()
             && self.mass_deviation < 0.1 * self.mass.abs()
-            && self.by_acceleration_alone >= 1.0 - self.explained
+            && self.masses_of_halves.iter().all(|half| ALIKE.contains(&(half / self.mass)))
+            && self.by_acceleration_alone >= LEAST_INERTIA.max(1.0 - self.explained)
     }
 
     /// Whether the acceleration is one of the carriage, not of the encoder's noise, which would
@@ -97,20 +106,35 @@ impl Examiner<'_> {
         let fit = inverse * right_of_all.fixed_rows::<4>(0);
         let inverse_of_all = all.pseudo_inverse(1e-9 * count as f64).ok()?;
         let fit_of_all = inverse_of_all * right_of_all;
-        let (mut rest, mut rest_of_all, mut inertial, mut accelerations) = (0.0, 0.0, 0.0, 0.0);
+        let (mut rest, mut rest_of_all) = (Vec::with_capacity(count), Vec::with_capacity(count));
+        let (mut inertial, mut accelerations) = (0.0, 0.0);
         for moment in moving() {
             let force = self.force_at(column, moment.row);
-            rest += (force - row(moment).dot(&fit)).powi(2);
-            rest_of_all += (force - row_of_all(moment).dot(&fit_of_all)).powi(2);
+            rest.push(force - row(moment).dot(&fit));
+            rest_of_all.push(force - row_of_all(moment).dot(&fit_of_all));
             inertial += (fit[0] * moment.acceleration / scale_a).powi(2);
             accelerations += moment.acceleration * moment.acceleration;
         }
+        let mass_of = |half: Range<usize>| {
+            let (mut normal, mut right) = (Matrix4::zeros(), Vector4::zeros());
+            for moment in moving().skip(half.start).take(half.len()) {
+                let row = row(moment);
+                normal += row * row.transpose();
+                right += row * self.force_at(column, moment.row);
+            }
+            let inverse = normal.pseudo_inverse(1e-9 * half.len() as f64);
+            inverse.map_or(f64::NAN, |inverse| (inverse * right)[0] / scale_a)
+        };
+        let middle = count / 2;
+        let masses_of_halves = [mass_of(0..middle), mass_of(middle..count)];
         let apparent = rms_of_acceleration_noise(noise, self.half as f64 * self.step).powi(2);
-        let variance = rest / (count as f64 - 4.0);
-        let variance_of_all = rest_of_all / (count as f64 - 5.0);
+        let variance = variance_of_fit(&rest, 4);
+        let variance_of_all = variance_of_fit(&rest_of_all, 5);
+        let rest: f64 = rest.iter().map(|left| left * left).sum();
         let deviation_of_all = (variance_of_all * inverse_of_all[(0, 0)]).sqrt();
         Some(RoughFit {
             mass: fit[0] / scale_a,
+            masses_of_halves,
             mass_with_spring: [fit_of_all[0], deviation_of_all].map(|value| value / scale_a),
             mass_deviation: (variance * inverse[(0, 0)]).sqrt() / scale_a,
             coulomb: fit[1],
@@ -124,9 +148,8 @@ impl Examiner<'_> {
         })
     }
 
-    /// Slope of one column over another, through zero after means are taken off, and how well it
-    /// explains the first.
-    pub(super) fn slope(&self, of: &[f64], over: impl Fn(usize) -> f64) -> Option<(f64, f64)> {
+    /// Slope of one column over another, through zero after means are taken off.
+    pub(super) fn slope(&self, of: &[f64], over: impl Fn(usize) -> f64) -> Option<Slope> {
         let rows = || {
             let segments = self.segments.iter().cloned().flatten();
             segments
@@ -137,12 +160,50 @@ impl Examiner<'_> {
         let count = rows().count() as f64;
         let (y0, x0) = rows().fold((0.0, 0.0), |(a, b), (y, x)| (a + y, b + x));
         let (y0, x0) = (y0 / count, x0 / count);
+        let (together, squares) =
+            rows().fold((0.0, 0.0), |(xy, xx), (y, x)| (xy + x * y, xx + x * x));
         let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
-        for (y, x) in rows() {
-            xx += (x - x0) * (x - x0);
-            xy += (x - x0) * (y - y0);
-            yy += (y - y0) * (y - y0);
+        let mut halves = [(0.0, 0.0); 2];
+        for (index, (y, x)) in rows().enumerate() {
+            let (square, product) = ((x - x0) * (x - x0), (x - x0) * (y - y0));
+            (xx, xy, yy) = (xx + square, xy + product, yy + (y - y0) * (y - y0));
+            let (squares, products) = &mut halves[usize::from(2.0 * index as f64 >= count)];
+            (*squares, *products) = (*squares + square, *products + product);
         }
-        (xx > 0.0 && yy > 0.0).then(|| (xy / xx, xy * xy / (xx * yy)))
+        if !(xx > 0.0 && yy > 0.0) {
+            return None;
+        }
+        let value = xy / xx;
+        let left: Vec<f64> = rows().map(|(y, x)| y - y0 - value * (x - x0)).collect();
+        let deviation = (variance_of_fit(&left, 2) / xx).sqrt();
+        let is_of_both_halves =
+            halves.iter().all(|(squares, products)| ALIKE.contains(&(products / squares / value)));
+        let ratio = together / squares;
+        Some(Slope { value, ratio, deviation, is_of_both_halves, explained: xy * xy / (xx * yy) })
     }
+}
+
+/// How one column goes with another.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Slope {
+    /// In the unit of the one over that of the other.
+    pub value: f64,
+    /// The same with the means left in.
+    pub ratio: f64,
+    /// Its standard deviation, infinite where there is too little of independent data.
+    pub deviation: f64,
+    /// Whether either half of the data has about the same slope.
+    pub is_of_both_halves: bool,
+    /// Share of the squares of the one that the other explains.
+    pub explained: f64,
+}
+
+/// Variance of what a fit with so many coefficients leaves, as it counts for their deviations:
+/// neighbours that are alike are one datum. Infinite where there are not more data than
+/// coefficients.
+fn variance_of_fit(left: &[f64], coefficients: usize) -> f64 {
+    let alike = correlation_length(left).max(1.0);
+    let free = left.len() as f64 / alike - coefficients as f64;
+    let squares: f64 = left.iter().map(|left| left * left).sum();
+    if free > 0.0 { squares / free } else { f64::INFINITY }
 }

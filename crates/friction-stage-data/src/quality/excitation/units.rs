@@ -2,6 +2,7 @@
 //! and acceleration, the declared mass and friction.
 
 use super::motion::Moment;
+use super::regression::Slope;
 use super::{Examiner, RoughFit};
 use crate::quality::finding::{DataFinding, Disagreement};
 use crate::signals::Signal;
@@ -80,9 +81,10 @@ impl Examiner<'_> {
         // do there passes for a mass
         let one_speed =
             self.findings.iter().any(|finding| matches!(finding, DataFinding::OneSpeed { .. }));
-        let is_clear = |fit: &RoughFit| !one_speed && fit.knows_the_mass() && fit.explained >= 0.5;
+        let moving: Vec<(Signal, RoughFit)> =
+            fits.into_iter().filter(|(_, fit)| !one_speed && fit.explained >= 0.5).collect();
         let clear: Vec<(Signal, RoughFit)> =
-            fits.into_iter().filter(|(_, fit)| is_clear(fit)).collect();
+            moving.iter().copied().filter(|(_, fit)| fit.knows_the_mass()).collect();
         let all = !clear.is_empty();
         let mut reported = false;
         // signs
@@ -150,44 +152,48 @@ impl Examiner<'_> {
                         reported = true;
                     }
                 }
-                let (_, fit, ratio) = match ratios.first() {
-                    Some(first) => first,
-                    None => return self.cell_and_command(reported),
-                };
-                // A force over the position, which the model may declare or lack, takes
-                // part of what would be a mass.
-                let is_other_mass = |ratio: f64| !(0.8..1.25).contains(&ratio);
-                let [with_spring, its_deviation] = fit.mass_with_spring;
-                let surely = (with_spring - declared).abs() > SURELY * its_deviation;
-                if !reported
-                    && is_other_mass(*ratio)
-                    && is_other_mass(with_spring / declared)
-                    && surely
-                {
-                    let nearer = |ratio: f64| ratio.ln().abs();
-                    let (measured, deviation) =
-                        match nearer(with_spring / declared) < nearer(fit.mass / declared) {
-                            true => (with_spring, its_deviation),
-                            false => (fit.mass, fit.mass_deviation),
-                        };
-                    self.findings.push(DataFinding::OtherMachine { declared, measured, deviation });
-                }
-                let is_another = |friction: &f64| {
-                    *friction > 0.0
-                        && !(0.4..2.5).contains(&(fit.coulomb / friction))
-                        && (fit.coulomb - friction).abs() > SURELY * fit.coulomb_deviation
-                };
-                if let Some(declared) = coulomb.filter(is_another).filter(|_| !reported) {
-                    let (measured, deviation) = (fit.coulomb, fit.coulomb_deviation);
-                    self.findings.push(DataFinding::OtherFriction {
-                        declared,
-                        measured,
-                        deviation,
-                    });
+                if let Some((_, fit, _)) = ratios.first().filter(|_| !reported) {
+                    self.other_machine(fit, declared);
                 }
             }
         }
+        // In one direction a Coulomb friction is an offset.
+        let one_direction =
+            self.findings.iter().any(|finding| matches!(finding, DataFinding::OneDirection));
+        if let Some((_, fit)) = moving.first().filter(|_| !reported && !one_direction)
+            && let Some(declared) = coulomb
+        {
+            self.other_friction(fit, declared);
+        }
         self.cell_and_command(reported);
+    }
+
+    /// Whether the mass is another one than the model declares, kg.
+    fn other_machine(&mut self, fit: &RoughFit, declared: f64) {
+        // A force over the position, which the model may declare or lack, takes part of what would
+        // be a mass.
+        let is_other = |mass: f64| !(0.8..1.25).contains(&(mass / declared));
+        let (mass, [with_spring, its_deviation]) = (fit.mass.abs(), fit.mass_with_spring);
+        let surely = (with_spring - declared).abs() > SURELY * its_deviation;
+        if is_other(mass) && is_other(with_spring) && surely {
+            let off = |mass: f64| (mass / declared).ln().abs();
+            let (measured, deviation) = match off(with_spring) < off(mass) {
+                true => (with_spring, its_deviation),
+                false => (fit.mass, fit.mass_deviation),
+            };
+            self.findings.push(DataFinding::OtherMachine { declared, measured, deviation });
+        }
+    }
+
+    /// Whether the Coulomb friction of the guides is another one than the model declares, N.
+    fn other_friction(&mut self, fit: &RoughFit, declared: f64) {
+        let (measured, deviation) = (fit.coulomb, fit.coulomb_deviation);
+        if declared > 0.0
+            && !(0.4..2.5).contains(&(measured / declared))
+            && (measured - declared).abs() > SURELY * deviation
+        {
+            self.findings.push(DataFinding::OtherFriction { declared, measured, deviation });
+        }
     }
 
     fn reference_slope(&self) -> Option<f64> {
@@ -195,8 +201,8 @@ impl Examiner<'_> {
             return None;
         }
         let reference = self.column(Signal::ReferencePosition);
-        let (slope, explained) = self.slope(self.column(Signal::Position), |row| reference[row])?;
-        (explained > 0.9).then_some(slope)
+        let slope = self.slope(self.column(Signal::Position), |row| reference[row])?;
+        (slope.explained > 0.9).then_some(slope.value)
     }
 
     /// Signals that should be the same: cell and command, position and reference, and the
@@ -211,7 +217,10 @@ impl Examiner<'_> {
         };
         let trace = &self.recording.trace;
         let examiner = Examiner { findings: Vec::new(), segments: self.segments.clone(), ..*self };
+        // Behind a coupling the cell shows what moves the carriage, not what moves the motor.
+        let rigid = self.model.is_none_or(|model| model.coupling.is_none());
         if !reported
+            && rigid
             && examiner.recording.has(Signal::ForceCell)
             && examiner.recording.has(Signal::Force)
         {
@@ -231,8 +240,17 @@ impl Examiner<'_> {
                 return;
             }
             let slope = examiner.slope(&trace.force_cell, |row| trace.force[row.max(1) - 1]);
-            if let Some((slope, _)) = slope.filter(|(_, explained)| *explained > 0.5) {
-                disagree(Signal::ForceCell, Signal::Force, slope);
+            // A sign or a unit changes the means as well. What does not is a force of the motor
+            // side that the command answers.
+            let is_sure = |slope: &Slope| {
+                let off = |value: f64| (0.5 - value).max(value - 2.0);
+                slope.explained > 0.5
+                    && slope.is_of_both_halves
+                    && off(slope.ratio) > 0.0
+                    && off(slope.value) > SURELY * slope.deviation
+            };
+            if let Some(slope) = slope.filter(is_sure) {
+                disagree(Signal::ForceCell, Signal::Force, slope.value);
             }
         }
         if let Some(slope) = examiner.reference_slope() {
@@ -251,11 +269,11 @@ impl Examiner<'_> {
                 (Some(before), Some(after)) => (after - column[before]) / (2.0 * examiner.step),
                 _ => f64::NAN,
             };
-            if let Some((slope, _)) =
-                examiner.slope(rate_column, derivative).filter(|(_, explained)| *explained > 0.9)
-                && !(0.8..1.25).contains(&slope)
+            if let Some(slope) =
+                examiner.slope(rate_column, derivative).filter(|slope| slope.explained > 0.9)
+                && !(0.8..1.25).contains(&slope.value)
             {
-                disagree(rate, of, slope);
+                disagree(rate, of, slope.value);
             }
         }
     }
