@@ -31,9 +31,7 @@ pub enum ModelError {
     UnknownGuide { key: String, name: String, hint: String, known: String },
     #[error("unknown guide `{name}`; known are {known}{hint}")]
     NotInCatalogue { name: String, hint: String, known: String },
-    #[error(
-        "`{guide}+distributed_bristles`: the catalogue has no parallel bristles of a guide `{guide}`"
-    )]
+    #[error("`{guide}+distributed_bristles`: the catalogue has no parallel bristles of `{guide}`")]
     NoParallelBristles { guide: String },
     #[error("effects: unknown effect `{name}`; known are {known}{hint}")]
     UnknownEffect { name: String, hint: String, known: String },
