@@ -192,6 +192,16 @@ mod tests {
         assert!((1155.0 + 54.0..1155.0 + 54.0 + 72.0).contains(&force), "{force}");
     }
 
+    /// The seals of guide 1 and the last element of guide 2 in docs/explanation/stiffness.md.
+    #[test]
+    fn of_bristles_in_parallel_the_last_one_says_where_a_guide_breaks_away() {
+        for (guide, expected) in [("guide_1", 62.8e-6), ("guide_2", 11.6e-6)] {
+            let model = StageModel::named(&format!("{guide}+distributed_bristles")).unwrap();
+            let found = ModelFacts::new(&model).unwrap().derived.break_away_distance;
+            assert!((found / expected - 1.0).abs() < 5e-3, "{guide}: {found} m");
+        }
+    }
+
     #[test]
     fn a_motor_that_is_too_weak_for_the_move_is_reported() {
         let mut model = StageModel::default();

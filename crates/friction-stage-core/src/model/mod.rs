@@ -428,6 +428,28 @@ mod tests {
     }
 
     #[test]
+    fn a_guide_is_named_with_its_parallel_bristles() {
+        for (name, guides) in
+            [("guide_2+distributed_bristles", 4), ("rig:guide_2+distributed_bristles", 1)]
+        {
+            let model = StageModel::named(name).unwrap();
+            assert_eq!((model.guides.len(), model.effects.len()), (guides, 1), "{name}");
+            assert_eq!(model.effects[0].name, "distributed_bristles");
+            model.check().unwrap();
+        }
+        for (name, words) in [
+            ("guide_9+distributed_bristles", "did you mean `guide_"),
+            (
+                "guide_1+distributed_bristles+distributed_bristles",
+                "no parallel bristles of `guide_1+",
+            ),
+        ] {
+            let error = StageModel::named(name).unwrap_err().to_string();
+            assert!(error.contains(words), "{name}: {error}");
+        }
+    }
+
+    #[test]
     fn guides_that_are_not_passive_share_one_note() {
         let one = StageModel::on_guides("guide_1").notes().unwrap();
         assert!(one.len() == 1 && one[0].starts_with("the guides are not passive"), "{one:?}");

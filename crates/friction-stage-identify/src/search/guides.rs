@@ -326,6 +326,27 @@ mod tests {
         }
     }
 
+    /// No factor makes anything of a viscous friction of 0, and no tolerance makes it another one.
+    #[test]
+    fn a_viscous_friction_that_was_left_out_is_refused_however_wide_the_tolerance() {
+        let (mass, coulomb, viscous, counts) = (20.0, 15.0, 80.0, 1e-7);
+        let model = axis(mass, coulomb, 0.0, 1.5e7, counts);
+        let record = |shares: [f64; 8]| {
+            let steps = (0..6).flat_map(|_| shares).map(|share| share * coulomb);
+            let trace = sliding_axis(mass, coulomb, viscous, counts, steps);
+            Measured::new(&trace, &model, "the record").unwrap()
+        };
+        let train = record([2.0, -2.0, 1.7, -1.7, 2.0, -1.4, -2.0, 1.4]);
+        let holdout = record([2.0, -1.7, -2.0, 1.7, 1.4, -2.0, 2.0, -1.4]);
+        for guides in [Tolerances::default().guides, 0.99] {
+            let tolerances = Tolerances { guides, ..Tolerances::default() };
+            let refused = search(&model, tolerances, &train, &holdout, &Silent).unwrap_err();
+            let words = refused.to_string();
+            assert!(words.contains("viscous_friction is "), "{guides}: {words}");
+            assert!(words.contains("declared 0.0000"), "{guides}: {words}");
+        }
+    }
+
     /// An axis that moves, rests while the force climbs to 0.95 of what it takes to break away, and
     /// moves back, read at 1 kHz in counts as large as its bristles bend.
     fn resting_axis(mass: f64, coulomb: f64, viscous: f64, counts: f64, first: f64) -> Trace {

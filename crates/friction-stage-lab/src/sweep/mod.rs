@@ -660,6 +660,22 @@ mod tests {
         assert_eq!(found.peak_error, peak);
     }
 
+    /// The shares of bristles in parallel are those of one guide.
+    #[test]
+    fn guides_with_bristles_of_their_own_are_not_exchanged() {
+        let model = StageModel::named("guide_2+distributed_bristles").unwrap();
+        let plan = |axis: &str| {
+            let motion = SweepMotion::named("fine-step").unwrap();
+            let axes = vec![axis.parse().unwrap()];
+            SweepPlan::new(model.clone(), Default::default(), motion, axes, None, 1)
+        };
+        for axis in ["model.guides=guide_1", "model.guides.2=guide_1"] {
+            let error = plan(axis).unwrap_err().to_string();
+            assert!(error.contains("distributed_bristles"), "{axis}: {error}");
+        }
+        plan("model.guides.stiffness=1e6").unwrap();
+    }
+
     #[test]
     fn keys_of_guides_mean_all_of_them_and_names_change_them() {
         let plan =

@@ -20,7 +20,7 @@ const BREAK_AWAYS: f64 = 5.0;
 
 /// Part of a value of all data that one half of them gives, by itself, where the value is more than
 /// what else goes on in one stretch of the motion. Assumed.
-const ALIKE: RangeInclusive<f64> = 0.5..=2.0;
+pub(super) const ALIKE: RangeInclusive<f64> = 0.5..=2.0;
 
 impl RoughFit {
     /// Whether the mass is known well enough to say that a sign, a unit or the machine is another:

@@ -2,7 +2,7 @@
 //! and acceleration, the declared mass and friction.
 
 use super::motion::Moment;
-use super::regression::Slope;
+use super::regression::{ALIKE, Slope};
 use super::{Examiner, RoughFit};
 use crate::quality::finding::{DataFinding, Disagreement};
 use crate::signals::Signal;
@@ -153,7 +153,7 @@ impl Examiner<'_> {
                     }
                 }
                 if let Some((_, fit, _)) = ratios.first().filter(|_| !reported) {
-                    self.other_machine(fit, declared);
+                    self.other_machine(fit, declared, coulomb);
                 }
             }
         }
@@ -168,16 +168,20 @@ impl Examiner<'_> {
         self.cell_and_command(reported);
     }
 
-    /// Whether the mass is another one than the model declares, kg.
-    fn other_machine(&mut self, fit: &RoughFit, declared: f64) {
+    /// Whether the mass is not that of the model, kg; `coulomb`: its Coulomb friction, N.
+    fn other_machine(&mut self, fit: &RoughFit, declared: f64, coulomb: Option<f64>) {
         // A force over the position, which the model may declare or lack, takes part of what would
         // be a mass.
         let is_other = |mass: f64| !(0.8..1.25).contains(&(mass / declared));
         let (mass, [with_spring, its_deviation]) = (fit.mass.abs(), fit.mass_with_spring);
         let surely = (with_spring - declared).abs() > SURELY * its_deviation;
-        if is_other(mass) && is_other(with_spring) && surely {
+        // A spring does not make the friction another one by the same factor.
+        let with_friction = coulomb.filter(|coulomb| *coulomb > 0.0).is_some_and(|coulomb| {
+            ALIKE.contains(&(fit.coulomb.abs() / coulomb / (mass / declared)))
+        });
+        if is_other(mass) && (with_friction || is_other(with_spring) && surely) {
             let off = |mass: f64| (mass / declared).ln().abs();
-            let (measured, deviation) = match off(with_spring) < off(mass) {
+            let (measured, deviation) = match !with_friction && off(with_spring) < off(mass) {
                 true => (with_spring, its_deviation),
                 false => (fit.mass, fit.mass_deviation),
             };
