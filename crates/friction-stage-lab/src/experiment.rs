@@ -584,7 +584,7 @@ impl ExperimentPlan {
     }
 }
 
-/// What the table of statements needs, if it is there: of the guides with several bristles in
+/// What the table of statements needs, if it exists: of the guides with several bristles in
 /// parallel, or of those with one each.
 fn paper_results(results: &ExperimentResults) -> Option<PaperResults<'_>> {
     let single = ["guide 1", "guide 2", "guide 3"].map(str::to_owned);

@@ -8,7 +8,7 @@
 //! Uriarte and Pritschow 2011, "Machine tool feed drives", CIRP Annals 60). Sizes: a ball screw of
 //! 50 to 300 N/µm has 2e-8 to 3e-9 m/N (assumed). Not modelled: the resonance of motor and carriage
 //! on the drive, so it is for motions well below it (a `coupling` of the model has it); play
-//! (`backlash`); the same with a scale whose head yields, which is behind where this is ahead.
+//! (`backlash`); the same with a scale whose head yields, which lags where this leads.
 //!
 //! With a command that comes late identification takes the command as it was given (assumed).
 

@@ -19,7 +19,7 @@ const ONE_WAY: f64 = 1.0 / 3.0;
 const BREAK_AWAYS: f64 = 5.0;
 
 /// Part of a value of all data that one half of them gives, by itself, where the value is more than
-/// what else goes on in one stretch of the motion. Assumed.
+/// what else happens in one stretch of the motion. Assumed.
 pub(super) const ALIKE: RangeInclusive<f64> = 0.5..=2.0;
 
 impl RoughFit {
@@ -183,7 +183,7 @@ impl Examiner<'_> {
     }
 }
 
-/// How one column goes with another.
+/// How one column depends on another.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Slope {
     /// In the unit of the one over that of the other.

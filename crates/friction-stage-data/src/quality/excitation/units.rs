@@ -221,7 +221,7 @@ impl Examiner<'_> {
         };
         let trace = &self.recording.trace;
         let examiner = Examiner { findings: Vec::new(), segments: self.segments.clone(), ..*self };
-        // Behind a coupling the cell shows what moves the carriage, not what moves the motor.
+        // With a coupling the cell shows what moves the carriage, not what moves the motor.
         let rigid = self.model.is_none_or(|model| model.coupling.is_none());
         if !reported
             && rigid
