@@ -85,12 +85,12 @@ enum Demo {
 const FINE_STEPS: usize = 5;
 
 fn guides() -> Vec<String> {
-    Specimen::PAPER_GUIDES.map(|name| name.to_owned() + Specimen::BRISTLES).into()
+    Specimen::PAPER_GUIDES.map(|name| name.to_owned() + StageModel::PARALLEL_BRISTLES).into()
 }
 
 /// The guide of a model of --guides.
 fn plain(model: &str) -> &str {
-    model.strip_suffix(Specimen::BRISTLES).unwrap_or(model)
+    model.strip_suffix(StageModel::PARALLEL_BRISTLES).unwrap_or(model)
 }
 
 impl Default for DemoArgs {

@@ -285,17 +285,15 @@ impl Specimen {
 
     /// The paper's three guides on parallel bristles, which have all that the paper states of them.
     pub fn paper_guides() -> Result<Vec<Specimen>, LabError> {
-        let on_bristles = |name| Specimen::named(&format!("{name}{}", Specimen::BRISTLES));
+        let on_bristles =
+            |name| Specimen::named(&format!("{name}{}", StageModel::PARALLEL_BRISTLES));
         Specimen::PAPER_GUIDES.into_iter().map(on_bristles).collect()
     }
 
-    /// What after a guide's name asks for its parallel bristles.
-    pub const BRISTLES: &'static str = StageModel::PARALLEL_BRISTLES;
-
-    /// A guide of the catalogue by name; with [`Specimen::BRISTLES`] after it, on several bristles
-    /// in parallel.
+    /// A guide of the catalogue by name; with [`StageModel::PARALLEL_BRISTLES`] after it, on
+    /// several bristles in parallel.
     pub fn named(name: &str) -> Result<Specimen, LabError> {
-        let Some(guide) = name.strip_suffix(Specimen::BRISTLES) else {
+        let Some(guide) = name.strip_suffix(StageModel::PARALLEL_BRISTLES) else {
             return Ok(Specimen::of_guide(name)?);
         };
         let single = Specimen::of_guide(guide)?;

@@ -1,5 +1,6 @@
 //! What can be wrong with a model, each with the numbers that a user needs to mend it.
 
+use super::StageModel;
 use crate::numerics::plain;
 
 /// A model that cannot be read or that no stage could have.
@@ -31,7 +32,10 @@ pub enum ModelError {
     UnknownGuide { key: String, name: String, hint: String, known: String },
     #[error("unknown guide `{name}`; known are {known}{hint}")]
     NotInCatalogue { name: String, hint: String, known: String },
-    #[error("`{guide}+distributed_bristles`: the catalogue has no parallel bristles of `{guide}`")]
+    #[error(
+        "`{guide}{}`: the catalogue has no parallel bristles of `{guide}`",
+        StageModel::PARALLEL_BRISTLES
+    )]
     NoParallelBristles { guide: String },
     #[error("effects: unknown effect `{name}`; known are {known}{hint}")]
     UnknownEffect { name: String, hint: String, known: String },

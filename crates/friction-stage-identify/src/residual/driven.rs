@@ -188,10 +188,10 @@ impl Moved {
             reading - undo(reading, |position| effects.read(time, position, 0.0).0)
         };
         let mut errors = ahead.clone();
-        let mut wrong = steps.clone().unwrap_or_else(|| measured.steps.clone());
+        let mut corrected = steps.clone().unwrap_or_else(|| measured.steps.clone());
         let mut at_end = error(measured.time[0], measured.position[0] - ahead[0]);
         errors[0] += at_end;
-        for step in &mut wrong {
+        for step in &mut corrected {
             let motion = &mut step.motion;
             // Each step begins where the one before it ended.
             let from = at_end;
@@ -203,7 +203,7 @@ impl Moved {
         }
         let moves_as_read = errors.iter().all(|error| *error == 0.0);
         let (steps, errors) =
-            if moves_as_read { (steps, Vec::new()) } else { (Some(wrong), errors) };
+            if moves_as_read { (steps, Vec::new()) } else { (Some(corrected), errors) };
         Ok(Moved { sensors, lags, steps, errors })
     }
 }

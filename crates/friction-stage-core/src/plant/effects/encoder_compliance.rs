@@ -62,8 +62,9 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
             false => f64::NAN,
         }
     };
-    let with_column = |k: usize| column(k).is_finite();
-    let base = least_squares(residual.force, |k| [if with_column(k) { 1.0 } else { f64::NAN }])?;
+    // Over the same rows.
+    let base =
+        least_squares(residual.force, |k| [if column(k).is_finite() { 1.0 } else { f64::NAN }])?;
     let fit = least_squares(residual.force, |k| [1.0, column(k)])?;
     let compliance = fit.coefficients[1];
     (fit.improves_on(&base) && compliance > 0.0).then(|| vec![compliance.min(LARGEST)])

@@ -43,6 +43,8 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     free: descriptor::all_free,
     build: |values| Action::Friction(Box::new(FrictionalLag::new(values[0]))),
     proposal: Some(propose),
+    // Guides that were fitted to the friction have a part of its curve, so that what is left of it
+    // looks later than it is.
     starts: |values, _| [1.0, 0.1, 0.01].map(|factor| vec![factor * values[0]]).to_vec(),
     curve: None,
 };

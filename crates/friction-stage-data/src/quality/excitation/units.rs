@@ -1,6 +1,8 @@
 //! Signs and units, by whatever can be compared: reference and position, cell and command, force
 //! and acceleration, the declared mass and friction.
 
+use std::ops::Range;
+
 use super::motion::Moment;
 use super::regression::{ALIKE, Slope};
 use super::{Examiner, RoughFit};
@@ -15,6 +17,9 @@ const SWAPPED: f64 = 0.3;
 /// Standard deviations that a rough fit must be away from what is declared. Assumed: what the fit
 /// lacks is no white noise.
 const SURELY: f64 = 5.0;
+/// What one signal may be of another that should be the same. Assumed: what is beyond is no error
+/// of a gain.
+const SAME: Range<f64> = 0.5..2.0;
 
 /// What no stage does: speed, m/s, and acceleration, m/s². Linear guides with recirculating balls
 /// are rated up to 5 m/s and up to 10 m/s at the most, linear motors reach some 300 m/s². Assumed
@@ -213,7 +218,7 @@ impl Examiner<'_> {
     /// references among themselves.
     fn cell_and_command(&mut self, reported: bool) {
         let mut disagree = |first: Signal, second: Signal, slope: f64| {
-            if (0.5..2.0).contains(&slope) {
+            if SAME.contains(&slope) {
                 return;
             }
             let evidence = Disagreement::Factor(slope);
@@ -247,7 +252,7 @@ impl Examiner<'_> {
             // A sign or a unit changes the means as well. What does not is a force of the motor
             // side that the command answers.
             let is_sure = |slope: &Slope| {
-                let off = |value: f64| (0.5 - value).max(value - 2.0);
+                let off = |value: f64| (SAME.start - value).max(value - SAME.end);
                 slope.explained > 0.5
                     && slope.is_of_both_halves
                     && off(slope.ratio) > 0.0
