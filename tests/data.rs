@@ -418,6 +418,23 @@ fn good_data_have_no_problem_and_show_their_noise_mass_and_friction() {
 /// What is done to a good run, and whether the right problem is reported with the right severity.
 type Spoiled = (&'static str, fn(&mut Trace), fn(&DataFinding) -> bool, Severity);
 
+/// A motor of four times the mass of the carriage, on a flexure: a fifth of its force arrives.
+#[test]
+fn a_cell_that_a_coupling_parts_from_the_motor_need_not_show_its_force() {
+    let mut trace = run(20_000);
+    trace.force.iter_mut().for_each(|force| *force *= 5.0);
+    let recording = load_csv(&trace);
+    let disagree = |model: &StageModel| {
+        let findings = examine(&recording, Some(model)).findings;
+        findings.iter().any(|finding| matches!(finding, DataFinding::Disagree { .. }))
+    };
+    let rig = StageModel {
+        coupling: StageModel::measuring_rig("guide_1").unwrap().coupling,
+        ..declared()
+    };
+    assert!(disagree(&declared()) && !disagree(&rig));
+}
+
 #[test]
 fn bad_data_are_told_by_what_is_wrong_with_them() {
     let cases: &[Spoiled] = &[
