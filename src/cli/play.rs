@@ -17,7 +17,7 @@ use crate::made_by;
 use crate::node::controller_settings;
 use crate::node::driver::{Driver, LockstepRun};
 use friction_stage_core::control::{ControllerSettings, Follower, Gains, Point, Trajectory};
-use friction_stage_core::model::StageModel;
+use friction_stage_core::model::{JointType, StageModel};
 use friction_stage_core::plant::{Rates, model_named};
 use friction_stage_data::bag::{BagReader, LOCKSTEP_EPOCH, topics};
 use friction_stage_data::message::{ControllerState, JointState};
@@ -331,7 +331,7 @@ pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         .map(|one| quality(std::slice::from_ref(one)))
         .collect::<anyhow::Result<_>>()?;
     let title = format!("{} on {}", args.motion.display(), model.name);
-    let drawing = played_figure(&title, &samples, &moves, settings.limits)?;
+    let drawing = played_figure(&title, &samples, &moves, settings.limits, model.joint)?;
     std::fs::write(&figure, made_by::signed("played.svg", &drawing))
         .with_context(|| format!("cannot write {}", figure.display()))?;
     let rows = samples.iter().map(sample_row);
@@ -364,7 +364,7 @@ pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     if args.json {
         writeln!(out, "{}", serde_json::to_string_pretty(&report)?)?;
     } else {
-        print(&report, out)?;
+        print(&report, model.joint, out)?;
     }
     if let Some(warning) = &warning {
         eprintln!("warning: {}", printable(warning));
@@ -375,14 +375,17 @@ pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     Ok(Outcome::warned(done.incomplete || warning.is_some()))
 }
 
-fn print(report: &PlayReport, out: &mut dyn Write) -> std::io::Result<()> {
+fn print(report: &PlayReport, joint: JointType, out: &mut dyn Write) -> std::io::Result<()> {
     let ControllerReport { gains, p, i, d, mass_feedforward, .. } = &report.controller;
+    let [unit_p, unit_i, unit_d, kg] =
+        ["N/m", "N/(m s)", "N s/m", "kg"].map(|unit| joint.unit(unit));
     writeln!(
         out,
-        "controller: {gains}: p {p:.4e} N/m, i {i:.4e} N/(m s), d {d:.4e} N s/m, mass feedforward \
-         {mass_feedforward} kg\n"
+        "controller: {gains}: p {p:.4e} {unit_p}, i {i:.4e} {unit_i}, d {d:.4e} {unit_d}, {} \
+         feedforward {mass_feedforward} {kg}\n",
+        joint.quantity("mass")
     )?;
-    write!(out, "{}", played_text(&report.moves, report.all_moves.as_ref()))?;
+    write!(out, "{}", played_text(&report.moves, report.all_moves.as_ref(), joint))?;
     writeln!(
         out,
         "\n{}: {:.1} s of motion, {} samples at {:.0} per second\nfigure {}, samples {}",

@@ -131,8 +131,9 @@ pub fn run(args: &TuneArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let mass = model.moving_mass();
     if args.application.is_some() && (application.mass / mass - 1.0).abs() > 0.01 {
         notes.push(format!(
-            "the application is for {} kg and the model moves {mass} kg: that of the model counts",
-            application.mass
+            "the application is for {} {kg} and the model moves {mass} {kg}: that of the model counts",
+            application.mass,
+            kg = model.joint.unit("kg")
         ));
     }
     application.mass = mass;
@@ -180,7 +181,7 @@ pub fn run(args: &TuneArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     if args.json {
         writeln!(out, "{json}")?;
     } else {
-        write!(out, "{}", tuning_text(&tuning))?;
+        write!(out, "{}", tuning_text(&tuning, model.joint))?;
         if let Some(measured) = measured {
             write!(out, "\n{}", measured.text())?;
         }

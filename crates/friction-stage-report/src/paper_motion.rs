@@ -4,6 +4,7 @@ use crate::chart::{Axis, Chart, Scale, Style};
 use crate::figure::FigureError;
 use crate::page::{Align, Cell, Page, Table};
 use crate::words::PAPER_WITH_TITLE;
+use friction_stage_core::model::JointType;
 use friction_stage_lab::{MoveKind, PaperMotion, SETTLING_BANDS};
 
 /// Times (ns after the start of the motion) and errors (m) of one run.
@@ -60,7 +61,7 @@ pub fn position_error_charts(
         for band in SETTLING_BANDS {
             size.line(micrometres(band), Axis::Y, band * 1e6);
         }
-        settling_bands(&mut error);
+        settling_bands(&mut error, JointType::Prismatic);
         charts.extend([error, size]);
     }
     charts
@@ -68,20 +69,20 @@ pub fn position_error_charts(
 
 /// The bands in which the paper counts as settled, in a chart of errors in µm: those that can be
 /// seen in it.
-pub(crate) fn settling_bands(chart: &mut Chart) {
+pub(crate) fn settling_bands(chart: &mut Chart, joint: JointType) {
     let points = chart.series.iter().flat_map(|series| &series.points);
     let largest = points.map(|point| point.1.abs()).fold(0.0, f64::max);
     for band in SETTLING_BANDS {
         let half = 1e6 * band;
         // Narrower ones would be no more than the line of the axis.
         if (0.02 * largest..largest).contains(&half) {
-            chart.band(format!("within {}", micrometres(band)), Axis::Y, -half, half);
+            chart.band(format!("within {}", joint.unit(&micrometres(band))), Axis::Y, -half, half);
         }
     }
 }
 
 /// A length as the paper gives its bands, without what a binary fraction adds.
-fn micrometres(length: f64) -> String {
+pub(crate) fn micrometres(length: f64) -> String {
     format!("{} µm", (length * 1e9).round() / 1e3)
 }
 

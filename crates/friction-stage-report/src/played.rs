@@ -6,9 +6,10 @@ use serde::Serialize;
 
 use crate::chart::{Axis, Chart, Style};
 use crate::figure::{FigureError, svg};
-use crate::paper_motion::{envelope, settled_at, settling_bands};
+use crate::paper_motion::{envelope, micrometres, settled_at, settling_bands};
 use crate::sweep::milliseconds;
 use crate::words::{fixed, in_prefix_short};
+use friction_stage_core::model::JointType;
 use friction_stage_lab::{MotionQuality, Move, SETTLING_BANDS};
 
 /// Moves that the table lists one by one.
@@ -87,10 +88,10 @@ pub fn played_moves(
 }
 
 /// The table of the moves, and of all of them together.
-pub fn played_text(moves: &[PlayedMove], all: Option<&MotionQuality>) -> String {
+pub fn played_text(moves: &[PlayedMove], all: Option<&MotionQuality>, joint: JointType) -> String {
     let mut out = String::new();
     // A string takes whatever is written.
-    let _ = write_table(&mut out, moves, all);
+    let _ = write_table(&mut out, moves, all, joint);
     out
 }
 
@@ -98,18 +99,24 @@ fn write_table(
     out: &mut String,
     moves: &[PlayedMove],
     all: Option<&MotionQuality>,
+    joint: JointType,
 ) -> std::fmt::Result {
     let Some(all) = all else { return writeln!(out, "the motion has no move") };
+    let [peak_force, force, length] =
+        [joint.quantity("peak force"), joint.unit("N"), joint.unit("µm")];
     writeln!(
         out,
-        "                        peak error  rms error    time to settle within, ms    peak force"
+        "{:22} {:>11} {:>10} {:>29} {peak_force:>13}",
+        "", "peak error", "rms error", "time to settle within, ms"
     )?;
+    let [ten, one, tenth] = ["10", "1", "0.1"].map(|size| format!("{size} {length}"));
     writeln!(
         out,
-        "move                            µm         µm     10 µm      1 µm    0.1 µm             N"
+        "{:22} {length:>11} {length:>10} {ten:>9} {one:>9} {tenth:>9} {force:>13}",
+        "move"
     )?;
     for (index, a_move) in moves.iter().take(LISTED).enumerate() {
-        let name = format!("{}: {}", index + 1, way(a_move));
+        let name = format!("{}: {}", index + 1, way(a_move, joint));
         row(out, &name, &a_move.quality)?;
     }
     if moves.len() > LISTED {
@@ -120,7 +127,9 @@ fn write_table(
     }
     match all.saturated {
         0 => Ok(()),
-        count => writeln!(out, "the force was at its limit in {count} samples"),
+        count => {
+            writeln!(out, "the {} was at its limit in {count} samples", joint.quantity("force"))
+        }
     }
 }
 
@@ -137,22 +146,23 @@ fn row(out: &mut String, name: &str, quality: &MotionQuality) -> std::fmt::Resul
 }
 
 /// What a move is: how far it goes, or how far away it takes the stage before it comes back.
-fn way(of: &PlayedMove) -> String {
+fn way(of: &PlayedMove, joint: JointType) -> String {
     let [whole, away] = [of.to, of.farthest].map(|position| position - of.from);
     if away.abs() > 2.0 * whole.abs() {
-        format!("up to {}", distance(away))
+        format!("up to {}", distance(away, joint))
     } else {
-        distance(whole)
+        distance(whole, joint)
     }
 }
 
 /// A distance in the unit in which it is read.
-fn distance(metres: f64) -> String {
-    match metres.abs() {
+fn distance(metres: f64, joint: JointType) -> String {
+    let shown = match metres.abs() {
         size if size >= 1e-3 => format!("{:.4} mm", metres * 1e3),
         size if size >= 1e-6 => format!("{:.3} µm", metres * 1e6),
         _ => format!("{:.2} nm", metres * 1e9),
-    }
+    };
+    joint.unit(&shown).into_owned()
 }
 
 /// Position error, motion and force over time.
@@ -161,23 +171,34 @@ pub fn played_figure(
     samples: &[PlayedSample],
     moves: &[Move],
     force_limits: (f64, f64),
+    joint: JointType,
 ) -> Result<String, FigureError> {
     let seconds = |time: i64| time as f64 * 1e-9;
     let over_time = |of: fn(&PlayedSample) -> f64| {
         samples.iter().map(move |sample| (seconds(sample.time), of(sample)))
     };
     let label = "time, s";
-    let mut error = Chart::new("Position error", label, "position error, µm");
+    let mut error =
+        Chart::new(joint.quantity("Position error"), label, joint.heading("position error, µm"));
     error.add("", 0, Style::Line, over_time(|sample| sample.error * 1e6));
-    settling_bands(&mut error);
-    let mut motion = Chart::new("Motion", label, "position, mm");
-    motion.add("position", 0, Style::Line, over_time(|sample| sample.position * 1e3));
+    settling_bands(&mut error, joint);
+    let mut motion = Chart::new("Motion", label, joint.heading("position, mm"));
+    motion.add(
+        joint.quantity("position"),
+        0,
+        Style::Line,
+        over_time(|sample| sample.position * 1e3),
+    );
     motion.add("reference", 4, Style::Dashed, over_time(|sample| sample.reference * 1e3));
-    let mut force = Chart::new("Force command", label, "force, N");
+    let mut force = Chart::new(joint.quantity("Force command"), label, joint.heading("force, N"));
     force.add("", 0, Style::Line, over_time(|sample| sample.force));
     // Next to hundreds of newtons both would be one line. A sample's cell reads the force of the
     // interval that ends there, which the sample before it commanded.
-    let mut cell = Chart::new("Force cell less the command that acted", label, "difference, N");
+    let mut cell = Chart::new(
+        joint.quantity("Force cell less the command that acted"),
+        label,
+        joint.heading("difference, N"),
+    );
     let acted =
         samples.windows(2).map(|pair| (seconds(pair[1].time), pair[1].force_cell - pair[0].force));
     cell.add("", 0, Style::Line, acted);
@@ -194,11 +215,11 @@ pub fn played_figure(
         let mut chart = Chart::new(
             format!(
                 "Settling of move {number} to {}{}",
-                in_prefix_short(a_move.target, "m"),
+                in_prefix_short(a_move.target, &joint.unit("m")),
                 if moves.len() > 2 { ", one of the two slowest" } else { "" }
             ),
             "time after the arrival of the reference, ms",
-            "largest error still to come, µm",
+            joint.heading("largest error still to come, µm"),
         )
         .logarithmic(false, true);
         // Some of the way before the arrival, and what comes after it until it has settled.
@@ -208,7 +229,7 @@ pub fn played_figure(
         chart.add("", 0, Style::Line, shown);
         chart.line("arrival", Axis::X, 0.0);
         for band in SETTLING_BANDS {
-            chart.line(format!("{} µm", (band * 1e9).round() / 1e3), Axis::Y, band * 1e6);
+            chart.line(joint.unit(&micrometres(band)), Axis::Y, band * 1e6);
         }
         charts.push(chart);
     }
@@ -264,20 +285,24 @@ mod tests {
         let of = |moves: &[Move]| motion_quality(moves, &samples).unwrap();
         let each: Vec<_> = motion.moves.iter().map(|a| of(std::slice::from_ref(a))).collect();
         let moves = played_moves(&motion.moves, &each, &[]);
-        let text = played_text(&moves, Some(&of(&motion.moves)));
+        let text = played_text(&moves, Some(&of(&motion.moves)), JointType::Prismatic);
         for words in ["1: 10.000 µm", "2: -2.0000 mm", "all moves", "limit in 1 samples", "never"]
         {
             assert!(text.contains(words), "{words}: {text}");
         }
-        assert!(played_text(&[], None).contains("no move"));
+        assert!(played_text(&[], None, JointType::Prismatic).contains("no move"));
         // One that comes back is named by how far it went.
         let away = |time, reference| PlayedSample { time, reference, ..ZERO };
         let there_and_back = Move { target: 0.0, ..motion.moves[0] };
         let half = (there_and_back.start + there_and_back.arrival) / 2;
         let samples = [away(there_and_back.start, 0.0), away(half, -5e-3)];
         let moves = played_moves(&[there_and_back], &each[..1], &samples);
-        let text = played_text(&moves, Some(&of(&motion.moves)));
+        let text = played_text(&moves, Some(&of(&motion.moves)), JointType::Prismatic);
         assert!(text.contains("1: up to -5.0000 mm"), "{text}");
+        let text = played_text(&moves, Some(&of(&motion.moves)), JointType::Revolute);
+        for words in ["1: up to -5.0000 mrad", "peak torque", "0.1 µrad", "N m"] {
+            assert!(text.contains(words), "{words}: {text}");
+        }
     }
 
     const ZERO: PlayedSample = PlayedSample {
@@ -304,10 +329,16 @@ mod tests {
                 ..ZERO
             })
             .collect();
-        let figure = played_figure("run", &samples, &motion.moves, (-9.0, 9.0)).unwrap();
+        let figure =
+            |joint| played_figure("run", &samples, &motion.moves, (-9.0, 9.0), joint).unwrap();
+        let prismatic = figure(JointType::Prismatic);
         for words in ["Position error", "Force cell less the command", "limit", "Settling of move"]
         {
-            assert!(figure.contains(words), "{words}");
+            assert!(prismatic.contains(words), "{words}");
+        }
+        let revolute = figure(JointType::Revolute);
+        for words in ["Angle error", "angle error, µrad", "torque, N m", "Torque cell less"] {
+            assert!(revolute.contains(words), "{words}");
         }
     }
 

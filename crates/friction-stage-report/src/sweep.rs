@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 
 use crate::chart::{Chart, Style};
 use crate::figure::{FigureError, svg};
+use crate::paper_motion::micrometres;
 use crate::words::{fixed, guide_label, in_line, in_prefix_short};
 use friction_stage_core::numerics::range;
 use friction_stage_core::plant::EffectDescriptor;
@@ -61,25 +62,33 @@ fn write_text(out: &mut String, plan: &SweepPlan, summary: &SweepSummary) -> std
         summary.points,
         axes.join(", ")
     )?;
+    let joint = plan.model.joint;
     let widths: Vec<usize> = plan.axes.iter().map(|axis| axis.key.len().max(12)).collect();
     if summary.points <= LISTED && summary.all_rows {
         for width in &widths {
             write!(out, "{:width$}  ", "")?;
         }
-        writeln!(out, "peak error   rms error   settled within, ms          peak force")?;
+        let [peak_force, force, length] =
+            [joint.quantity("peak force"), joint.unit("N"), joint.unit("µm")];
+        writeln!(
+            out,
+            "{:>10}  {:>10}  {:>26}  {peak_force:>10}",
+            "peak error", "rms error", "settled within, ms"
+        )?;
         for (axis, width) in plan.axes.iter().zip(&widths) {
             write!(out, "{:>width$}  ", axis.key)?;
         }
-        writeln!(out, "        µm          µm     10 µm     1 µm   0.1 µm         N")?;
+        let [ten, one, tenth] = ["10", "1", "0.1"].map(|size| format!("{size} {length}"));
+        writeln!(out, "{length:>10}  {length:>10}  {ten:>8} {one:>8} {tenth:>8}  {force:>8}")?;
         for point in &summary.rows {
             write_row(out, point, &widths)?;
         }
     } else {
         writeln!(out, "{:28}{:>12}{:>12}{:>12}", "over all points", "5 %", "50 %", "95 %")?;
-        quantiles(out, "peak error, µm", summary.peak_error, 1e6)?;
-        quantiles(out, "rms error, µm", summary.rms_error, 1e6)?;
+        quantiles(out, &joint.unit("peak error, µm"), summary.peak_error, 1e6)?;
+        quantiles(out, &joint.unit("rms error, µm"), summary.rms_error, 1e6)?;
         for (band, settling) in SETTLING_BANDS.iter().zip(summary.settling) {
-            let name = format!("settled to {} µm after, ms", micrometres(*band));
+            let name = format!("settled to {} after, ms", joint.unit(&micrometres(*band)));
             quantiles(out, &name, settling, 1e3)?;
         }
         writeln!(out)?;
@@ -96,11 +105,17 @@ fn write_text(out: &mut String, plan: &SweepPlan, summary: &SweepSummary) -> std
                 .map(|(axis, value)| format!("{} {}", axis.key, shown(value)))
                 .collect();
             let peak = fixed(result.peak_error * 1e6, 3);
-            writeln!(out, "{name}: {peak} µm at point {point}: {}", values.join(", "))?;
+            writeln!(
+                out,
+                "{name}: {peak} {} at point {point}: {}",
+                joint.unit("µm"),
+                values.join(", ")
+            )?;
         }
     }
     if summary.saturated > 0 {
-        writeln!(out, "\nthe force reaches its limit in {} points", summary.saturated)?;
+        let force = joint.quantity("force");
+        writeln!(out, "\nthe {force} reaches its limit in {} points", summary.saturated)?;
     }
     if let Some(reason) = &summary.first_failure {
         writeln!(
@@ -140,10 +155,6 @@ pub(crate) fn milliseconds(time: Option<f64>) -> String {
         Some(time) if time.is_finite() => format!("{:.1}", time * 1e3),
         _ => "never".to_owned(),
     }
-}
-
-fn micrometres(length: f64) -> f64 {
-    (length * 1e9).round() / 1e3
 }
 
 /// A value with as many digits as a person reads.
@@ -189,6 +200,7 @@ pub fn sweep_figure<E: From<FigureError>>(
             points.push((plan.values(point), quality));
         }
     })?;
+    let joint = plan.model.joint;
     let mut charts = Vec::new();
     for (index, axis) in plan.axes.iter().enumerate() {
         let names = names_of(&points, index);
@@ -203,7 +215,7 @@ pub fn sweep_figure<E: From<FigureError>>(
                 names.iter().position(|known| *known == name).map_or(0.0, |at| at as f64 + 1.0)
             }
         };
-        let unit = |key: &str| sweep_unit(key).map(|unit| plan.model.joint.unit(unit));
+        let unit = |key: &str| sweep_unit(key).map(|unit| joint.unit(unit));
         let words = key_in_words(&axis.key);
         let label = match unit(&axis.key).filter(|_| axis.is_numeric()) {
             Some(unit) => format!("{words}, {unit}"),
@@ -217,12 +229,12 @@ pub fn sweep_figure<E: From<FigureError>>(
         let logarithmic = axis.is_numeric() && spans_decades(&places);
         for Quantity { name, unit: of_quantity, of } in QUANTITIES {
             let never = points.iter().filter(|(_, quality)| of(quality).is_none()).count();
-            let title = format!("{name} over {words}");
+            let title = joint.unit(&format!("{name} over {words}")).into_owned();
             let title = match never {
                 0 => title,
                 _ => format!("{title} ({never} of {} points never do)", points.len()),
             };
-            let ordinate = format!("{name}, {}", plan.model.joint.unit(of_quantity));
+            let ordinate = format!("{name}, {}", joint.unit(of_quantity));
             let numbers: Vec<f64> = points.iter().filter_map(|(_, quality)| of(quality)).collect();
             let mut chart = Chart::new(upper(&title), &label, ordinate)
                 .logarithmic(logarithmic, spans_decades(&numbers))

@@ -130,27 +130,27 @@ pub fn tuning_warnings(tuning: &Tuning, measured: Option<&MeasuredReport>) -> Ve
 }
 
 /// The result as text for a person.
-pub fn tuning_text(tuning: &Tuning) -> String {
+pub fn tuning_text(tuning: &Tuning, joint: JointType) -> String {
     let mut out = String::new();
     // A string takes whatever is written.
-    let _ = write_text(&mut out, tuning);
+    let _ = write_text(&mut out, tuning, joint);
     out
 }
 
-fn write_text(out: &mut String, tuning: &Tuning) -> std::fmt::Result {
+fn write_text(out: &mut String, tuning: &Tuning, joint: JointType) -> std::fmt::Result {
     let on = tuning.found().on_variants;
     writeln!(
         out,
         "{:16} {:>10} {:>12} {:>10} {:>8}   {:>9} {:>7} {:>8}   {:>16} {:>16}",
         "",
-        "p, N/m",
-        "i, N/(m s)",
-        "d, N s/m",
+        joint.unit("p, N/m"),
+        joint.unit("i, N/(m s)"),
+        joint.unit("d, N s/m"),
         "lowpass",
         "max |S|",
         "phase",
         "gain",
-        "peak, µm",
+        joint.unit("peak, µm"),
         "settled, ms"
     )?;
     for one in &tuning.tunings {
@@ -334,8 +334,8 @@ pub fn tuning_page(
         page.note(Mark::Warning, &warning);
     }
     page.section("Gains and what they reach");
-    page.table(&gains(tuning));
-    page.table(&reached(tuning));
+    page.table(&gains(tuning, model.joint));
+    page.table(&reached(tuning, model.joint));
     page.section("Loop");
     page.text(
         "Open loop of the tuned controller on the nominal stage: a free mass, and the guides by \
@@ -361,9 +361,12 @@ pub fn tuning_page(
     );
     let mut sensitivity =
         Chart::new("Sensitivity", "frequency, Hz", "sensitivity |S|, dB").logarithmic(true, false);
-    let mut process =
-        Chart::new("Process sensitivity", "frequency, Hz", "position over force |P S|, m/N")
-            .logarithmic(true, true);
+    let mut process = Chart::new(
+        "Process sensitivity",
+        "frequency, Hz",
+        model.joint.heading("position over force |P S|, m/N"),
+    )
+    .logarithmic(true, true);
     let settings = Settings { seed, rates: Rates::of_control(rate)? };
     let swept: Vec<f64> = frequencies
         .iter()
@@ -456,21 +459,28 @@ pub fn tuning_page(
             sensitivity,
             "Below 6 dB the modulus margin is kept. What is below -40 dB is left out.",
         ),
-        ("process_sensitivity", process, "Position over a force: small is stiff."),
+        (
+            "process_sensitivity",
+            process,
+            &model.joint.heading("Position over a force: small is stiff."),
+        ),
     ] {
         page.figure(&chart, caption)?;
         figures.push((name.to_owned(), chart.svg()?));
     }
-    page.table(&by_amplitude(found));
+    page.table(&by_amplitude(found, model.joint));
     for compared in &tuning.tunings[2..] {
-        page.table(&by_amplitude(compared));
+        page.table(&by_amplitude(compared, model.joint));
     }
     if let Some(measured) = measured {
         measured.section(&mut page, &mut figures)?;
     }
     page.section("Step");
-    let mut steps =
-        Chart::new("Step of 1 µm of the reference", "time, ms", "position, part of the step");
+    let mut steps = Chart::new(
+        model.joint.unit("Step of 1 µm of the reference"),
+        "time, ms",
+        model.joint.heading("position, part of the step"),
+    );
     for (index, one) in tuning.tunings.iter().enumerate() {
         let response = step_response(model, &one.settings, STEP.0, STEP.1)?;
         let points = response.into_iter().map(|(time, x)| (1e3 * time, x));
@@ -484,7 +494,10 @@ pub fn tuning_page(
          is the step alone.",
     )?;
     figures.push(("step".to_owned(), steps.svg()?));
-    moves(&mut page, &mut figures, model, tuning, seed)?;
+    // They are lengths, which a joint that turns has none of.
+    if model.joint == JointType::Prismatic {
+        moves(&mut page, &mut figures, model, tuning, seed)?;
+    }
     Ok((page.finish(), figures))
 }
 
@@ -578,12 +591,12 @@ fn tiles(tuning: &Tuning) -> Vec<Tile> {
     ]
 }
 
-fn gains(tuning: &Tuning) -> Table {
+fn gains(tuning: &Tuning, joint: JointType) -> Table {
     let mut table = Table::new(&[
         ("controller", Align::Left),
-        ("p, N/m", Align::Right),
-        ("i, N/(m s)", Align::Right),
-        ("d, N s/m", Align::Right),
+        (&joint.unit("p, N/m"), Align::Right),
+        (&joint.unit("i, N/(m s)"), Align::Right),
+        (&joint.unit("d, N s/m"), Align::Right),
         ("lowpass, Hz", Align::Right),
     ]);
     for one in &tuning.tunings {
@@ -599,10 +612,10 @@ fn gains(tuning: &Tuning) -> Table {
     table
 }
 
-fn reached(tuning: &Tuning) -> Table {
+fn reached(tuning: &Tuning, joint: JointType) -> Table {
     let mut table = Table::new(&[
         ("controller", Align::Left),
-        ("peak error, µm: median", Align::Right),
+        (&joint.unit("peak error, µm: median"), Align::Right),
         ("of 95 %", Align::Right),
         ("settled, ms: median", Align::Right),
         ("of 95 %", Align::Right),
@@ -637,9 +650,9 @@ fn in_decibels(points: &[LoopPoint]) -> impl Iterator<Item = (f64, f64)> {
     })
 }
 
-fn by_amplitude(found: &Tuned) -> Table {
+fn by_amplitude(found: &Tuned, joint: JointType) -> Table {
     let mut table = Table::new(&[
-        ("amplitude, µm", Align::Right),
+        (&joint.unit("amplitude, µm"), Align::Right),
         ("crossover, Hz", Align::Right),
         ("phase margin, degrees", Align::Right),
         ("gain margin, dB", Align::Right),

@@ -38,7 +38,9 @@ impl JointType {
             JointType::Revolute => Cow::Owned(
                 prismatic
                     .replace("position", "angle")
+                    .replace("Position", "Angle")
                     .replace("force", "torque")
+                    .replace("Force", "Torque")
                     .replace("mass", "moment of inertia"),
             ),
         }
@@ -72,6 +74,12 @@ impl JointType {
         Cow::Owned(unit)
     }
 
+    /// The heading of a column or an axis, from the one of a prismatic joint: `position error, µm`
+    /// becomes `angle error, µrad`.
+    pub fn heading(self, prismatic: &str) -> String {
+        self.unit(&self.quantity(prismatic)).into_owned()
+    }
+
     /// Whether this is what a model has without saying so.
     pub(super) fn is_prismatic(&self) -> bool {
         *self == JointType::Prismatic
@@ -101,5 +109,7 @@ mod tests {
             assert_eq!(JointType::Revolute.unit(prismatic), revolute);
             assert_eq!(JointType::Prismatic.unit(prismatic), prismatic);
         }
+        assert_eq!(JointType::Revolute.heading("Position error, µm"), "Angle error, µrad");
+        assert_eq!(JointType::Prismatic.heading("force, N"), "force, N");
     }
 }

@@ -6,7 +6,7 @@ use crate::error::ReportError;
 use crate::page::{Align, Cell, Mark, Page, Table, Tile};
 use crate::paper_motion::settling_bands;
 use crate::words::{PAPER, PAPER_WITH_TITLE, guide_label, in_prefix_short, short, signed_percent};
-use friction_stage_core::model::Guide;
+use friction_stage_core::model::{Guide, JointType};
 use friction_stage_lab::{OwnMove, SETTLING_BANDS, Specimen};
 
 use Align::{Left, Right};
@@ -634,7 +634,7 @@ impl<'a> Report<'a> {
                     part.map(|(t, e)| (1e3 * t, 1e6 * e)),
                 );
             }
-            settling_bands(&mut chart);
+            settling_bands(&mut chart, JointType::Prismatic);
             let caption = match (fed, self.summary.own_move.is_some()) {
                 (true, false) => {
                     "With viscous feedforward the wave between 25 and 150 ms disappears."
@@ -723,7 +723,7 @@ impl<'a> Report<'a> {
                     part.map(|(t, e)| (1e3 * t, 1e6 * e)),
                 );
             }
-            settling_bands(&mut chart);
+            settling_bands(&mut chart, JointType::Prismatic);
             let caption = match (fed, self.summary.own_move.is_some()) {
                 (true, _) => "With viscous feedforward.",
                 (false, true) => "Position error after the reference has started.",
