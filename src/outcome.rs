@@ -3,6 +3,7 @@
 use std::io::Write as _;
 use std::process::ExitCode;
 
+use friction_stage_core::model::ModelError;
 use friction_stage_report::words::{in_one_line, printable};
 
 /// How a command or a node ended, when it did not fail; `main` makes the exit code of it.
@@ -39,6 +40,11 @@ pub const INTERRUPTED: u8 = 130;
 /// Longest text of an error, characters: one that lists the columns of a file may have very many.
 const LONGEST: usize = 10_000;
 
+/// Whether an argument names a guide or an effect, and no such one exists.
+fn is_unknown_name(error: &anyhow::Error) -> bool {
+    error.downcast_ref::<ModelError>().is_some_and(ModelError::is_unknown_name)
+}
+
 /// Exit code of a program that ended with `result`; a failure is reported on stderr. Wrong
 /// arguments have ended it with 2 before.
 pub fn exit_code(result: anyhow::Result<Outcome>) -> ExitCode {
@@ -52,7 +58,7 @@ pub fn exit_code(result: anyhow::Result<Outcome>) -> ExitCode {
             let (reported, more) = cut.map_or((&text[..], ""), |(cut, _)| (&text[..cut], "..."));
             let _ = writeln!(std::io::stderr(), "error: {}{more}", printable(reported));
             match () {
-                () if error.is::<WrongArguments>() => ExitCode::from(2),
+                () if error.is::<WrongArguments>() || is_unknown_name(&error) => ExitCode::from(2),
                 () if error.is::<Interrupted>() => ExitCode::from(INTERRUPTED),
                 () => ExitCode::FAILURE,
             }

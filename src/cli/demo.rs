@@ -4,6 +4,7 @@ mod recordings;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
 
 use anyhow::Context as _;
 use clap::{Args, Subcommand};
@@ -48,7 +49,7 @@ pub struct DemoArgs {
     other: Option<Demo>,
     /// Guides to run, by catalogue name, with commas between them; +distributed_bristles takes the
     /// catalogue's parallel bristles
-    #[arg(long, value_delimiter = ',', default_values_t = guides())]
+    #[arg(long, value_delimiter = ',', value_name = "GUIDES", default_value = &**GUIDES)]
     pub guides: Vec<String>,
     /// Directory for bags and figures [default: demo_ and the date]
     #[arg(long, value_name = "DIR")]
@@ -58,7 +59,8 @@ pub struct DemoArgs {
     pub force: bool,
     /// Rest after a return move, before the fast move and before the steps, simulated seconds; the
     /// paper: a minute
-    #[arg(long, default_value_t = Conditioning::DEMO_REST, value_name = "SECONDS")]
+    #[arg(long, default_value_t = Conditioning::DEMO_REST, value_name = "SECONDS",
+          value_parser = rest_seconds)]
     pub rest: f64,
     /// Steps of 10 µm
     #[arg(long, default_value_t = FINE_STEPS, value_name = "N")]
@@ -84,8 +86,17 @@ enum Demo {
 
 const FINE_STEPS: usize = 5;
 
-fn guides() -> Vec<String> {
-    Specimen::PAPER_GUIDES.map(|name| name.to_owned() + StageModel::PARALLEL_BRISTLES).into()
+/// The models of the paper's three guides, as --guides takes them.
+static GUIDES: LazyLock<String> = LazyLock::new(|| {
+    Specimen::PAPER_GUIDES.map(|name| name.to_owned() + StageModel::PARALLEL_BRISTLES).join(",")
+});
+
+fn rest_seconds(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| format!("`{text}` is no number"))?;
+    match (0.0..=3600.0).contains(&value) {
+        true => Ok(value),
+        false => Err(format!("{value} must be between 0 and 3600 s")),
+    }
 }
 
 /// The guide of a model of --guides.
@@ -97,7 +108,7 @@ impl Default for DemoArgs {
     fn default() -> Self {
         DemoArgs {
             other: None,
-            guides: guides(),
+            guides: GUIDES.split(',').map(str::to_owned).collect(),
             out: None,
             force: false,
             rest: Conditioning::DEMO_REST,
@@ -138,11 +149,6 @@ pub fn run(args: &DemoArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     if let Some(Demo::Recordings(recordings)) = &args.other {
         return recordings::run(recordings, out);
     }
-    anyhow::ensure!(
-        args.rest.is_finite() && (0.0..=3600.0).contains(&args.rest),
-        "--rest is {}: must be between 0 and 3600 s",
-        args.rest
-    );
     let models = &args.guides;
     let guides: Vec<&str> = models.iter().map(|model| plain(model)).collect();
     for (index, (model, guide)) in models.iter().zip(&guides).enumerate() {

@@ -4,7 +4,7 @@ pub(super) mod bags;
 mod parts;
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::Context as _;
 use clap::builder::PossibleValue;
@@ -16,7 +16,7 @@ use super::progress::Progress;
 use super::{Outcome, WrongArguments};
 use crate::directory::ResultsArgs;
 use crate::interrupt;
-use friction_stage_core::plant::load_model;
+use friction_stage_core::plant::model_named;
 use friction_stage_lab::{
     self as lab, Experiment, ExperimentPlan, ExperimentResults, Keep, KeptParts, LabError,
     LabRecording, Settings, Specimen,
@@ -51,9 +51,10 @@ pub struct ExperimentArgs {
     /// [default: the paper's three]
     #[arg(long, value_delimiter = ',', value_name = "GUIDES", value_parser = guide_name)]
     pub guides: Vec<String>,
-    /// Model files: a stage, or a rig with a coupling; beside the guides
-    #[arg(long, value_name = "FILE")]
-    pub model: Vec<PathBuf>,
+    /// Stages, or rigs with a coupling, in addition to the guides: model files or names as those
+    /// of the guides
+    #[arg(long, value_name = "MODEL")]
+    pub model: Vec<String>,
     #[command(flatten)]
     pub results: ResultsArgs,
     /// Go on with a run that was stopped, in --out: what it has measured is not measured again
@@ -149,7 +150,10 @@ pub fn run(args: &ExperimentArgs, out: &mut dyn Write) -> anyhow::Result<Outcome
         .into());
     }
     let named = args.guides.iter().map(|name| Ok(Specimen::named(name)?));
-    let modelled = args.model.iter().map(|path| Ok(Specimen::of_model(&load_model(path)?)?));
+    let modelled = args.model.iter().map(|name| match Specimen::named(name) {
+        Ok(specimen) => Ok(specimen),
+        Err(_) => Ok(Specimen::of_model(&model_named(name)?)?),
+    });
     let specimens = named.chain(modelled).collect::<anyhow::Result<Vec<Specimen>>>()?;
     let plan = ExperimentPlan {
         settings: Settings { seed: args.seed, ..Settings::default() },

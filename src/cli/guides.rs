@@ -6,8 +6,8 @@ use std::path::PathBuf;
 use clap::Args;
 use serde_json::{Value, json};
 
-use super::Outcome;
-use friction_stage_core::model::{Catalogue, nearest};
+use super::{Outcome, WrongArguments};
+use friction_stage_core::model::{Catalogue, StageModel, nearest};
 use friction_stage_report::model::guide_json;
 use friction_stage_report::words::{guide_text, guides_text};
 
@@ -31,6 +31,16 @@ pub struct GuidesArgs {
     pub json: bool,
 }
 
+/// What is wrong with a name that no guide of the catalogue has.
+fn unknown(name: &str, catalogue: &Catalogue) -> WrongArguments {
+    let known: Vec<&str> = catalogue.names().collect();
+    let hint = match StageModel::named(name) {
+        Ok(_) => format!("; it is a model, which `friction-stage model {name}` shows"),
+        Err(_) => nearest(name, known.iter().copied()),
+    };
+    WrongArguments(format!("no guide `{name}`: the catalogue has {}{hint}", known.join(", ")))
+}
+
 /// Runs the command; the answer goes to `out`.
 pub fn run(args: &GuidesArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let mut catalogue = Catalogue::builtin();
@@ -39,14 +49,7 @@ pub fn run(args: &GuidesArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     }
     let json = match &args.name {
         Some(name) => {
-            let Some(entry) = catalogue.entry(name) else {
-                let known: Vec<&str> = catalogue.names().collect();
-                anyhow::bail!(
-                    "no guide `{name}`: the catalogue has {}{}",
-                    known.join(", "),
-                    nearest(name, known.iter().copied())
-                );
-            };
+            let entry = catalogue.entry(name).ok_or_else(|| unknown(name, &catalogue))?;
             if !args.json {
                 write!(out, "{}", guide_text(name, entry))?;
             }

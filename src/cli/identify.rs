@@ -66,7 +66,7 @@ pub struct IdentifyArgs {
     /// YAML file that says which topic and field, or column, is which signal
     #[arg(long, value_name = "FILE")]
     pub mapping: Option<PathBuf>,
-    /// How far the mass may be from the declared one, as a share of it
+    /// How far the mass may be from the declared one, as a share of it between 0 and 1
     #[arg(
         long,
         value_name = "SHARE",
@@ -74,7 +74,8 @@ pub struct IdentifyArgs {
         value_parser = share,
     )]
     pub mass_tolerance: f64,
-    /// How far each parameter of the guides may be from the declared one, as a share of it
+    /// How far each parameter of the guides may be from the declared one, as a share of it between
+    /// 0 and 1
     #[arg(
         long,
         value_name = "SHARE",

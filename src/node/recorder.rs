@@ -778,7 +778,7 @@ impl Listener {
     }
 
     /// States until that of the sample `answered`, ns, of a controller that sends one for each; of
-    /// another nobody knows.
+    /// another it is unknown.
     fn missing_until(&self, answered: i64) -> u64 {
         if self.interval > self.period + self.period / 2 || answered <= self.stamp {
             return 0;

@@ -1,5 +1,5 @@
 """SIGINT, SIGTERM, SIGSTOP and SIGCONT: from the first moment on, under a flood of messages, and
-where nobody expects them."""
+at unexpected moments."""
 
 import contextlib
 import re

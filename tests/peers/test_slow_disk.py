@@ -111,7 +111,7 @@ def test_in_lockstep_time_waits_for_a_stalled_disk_and_nothing_is_lost(
     assert_no_holes(messages["/stage/encoder"], 250_000)
     assert len(messages["/stage/encoder"]) > now
     answered = set(stamps(messages["/stage/force"]))
-    # Nobody had found anybody before the first answer, and the last sample may be out.
+    # No peer had found another before the first answer, and the last sample may be out.
     begin, end = min(answered), stamps(messages["/stage/encoder"])[-1]
     missing = {t for t in stamps(messages["/stage/encoder"]) if begin <= t < end} - answered
     assert not missing, f"{len(missing)} forces are missing"

@@ -292,15 +292,22 @@ fn every_topic_service_and_action_of_the_nodes_is_documented() {
 
 #[test]
 fn an_unknown_name_is_refused_with_the_nearest_one() {
-    for (arguments, words) in [
-        (["effects", "coging"], "did you mean `cogging`"),
-        (["guides", "guide_9"], "did you mean `guide_"),
-        (["model", "missing.yaml"], "missing.yaml"),
-    ] {
-        let output = friction_stage(&arguments);
+    let cases: [(&[&str], i32, &str); 8] = [
+        (&["effects", "coging"], 2, "did you mean `cogging`"),
+        (&["guides", "guide_9"], 2, "did you mean `guide_"),
+        (&["guides", "guide_2+distributed_bristles"], 2, "`friction-stage model guide_2+"),
+        (&["model", "guide_2+distributd"], 2, "did you mean `guide_2+distributed_bristles`"),
+        (&["experiment", "fine-step", "--model", "guide_9"], 2, "did you mean `guide_"),
+        (&["demo", "--guides", "guide_9"], 2, "did you mean `guide_"),
+        (&["demo", "--rest", "nan"], 2, "between 0 and 3600 s"),
+        // A file is no name.
+        (&["model", "missing.yaml"], 1, "missing.yaml"),
+    ];
+    for (arguments, code, words) in cases {
+        let output = friction_stage(arguments);
         let reported = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(1), "{reported}");
-        assert!(reported.contains(words), "{reported}");
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {reported}");
+        assert!(reported.contains(words), "{arguments:?}: {reported}");
     }
 }
 

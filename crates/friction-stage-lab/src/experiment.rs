@@ -150,7 +150,7 @@ pub fn check_amplitude(value: f64) -> Result<(), LabError> {
     within(value, 1e-9..=0.05, "between 1e-9 and 0.05 m")
 }
 
-/// Refuses a rest before the fast move and the fine step, s, that nobody waits for.
+/// Refuses a rest before the fast move and the fine step, s, that is no rest or takes hours.
 pub fn check_rest(value: f64) -> Result<(), LabError> {
     within(value, 0.01..=3600.0, "between 0.01 and 3600 s")
 }

@@ -373,7 +373,7 @@ def test_ctrl_c_keeps_what_is_done_and_says_so(tmp_path: Path) -> None:
     last = errors.splitlines()[-1]
     assert (
         last
-        == f"stopped: {kept.done} of 200 chunks are kept in {kept.out}; the same command goes on"
+        == f"stopped: {kept.done} of 200 chunks are kept in {kept.out}; the same command continues"
     )
     assert "Traceback" not in errors
     assert [path for path in (tmp_path / "out").rglob("*.tmp")] == []

@@ -155,7 +155,7 @@ def test_a_worker_of_another_version_is_named_and_the_others_go_on(
     now = friction_stage.__version__
     words = f"has friction_stage 0.1.7, the manifest is of {now}"
     assert all(words in reason for reason in result["failed"].values())
-    # Without it, the same command goes on.
+    # Without it, the same command continues.
     run(load_job(job))
     assert digests(jobs / "mixed") == digests(jobs / "variants")
 

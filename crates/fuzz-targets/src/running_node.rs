@@ -1,7 +1,7 @@
 //! RTPS datagrams at a running node.
 //!
 //! The node runs in this process, with the sockets and threads that it has in the programs. It must
-//! still hear a publisher after each datagram. Datagrams announce addresses that nobody chose, and
+//! still hear a publisher after each datagram. Datagrams announce random addresses, and
 //! the node sends to them: hence only where there is no network but the loopback interface
 //! (`unshare --map-root-user --net`).
 

@@ -1,6 +1,6 @@
 //! What can be wrong with a model, each with the numbers that a user needs to mend it.
 
-use super::StageModel;
+use super::{Catalogue, StageModel};
 use crate::numerics::plain;
 
 /// A model that cannot be read or that no stage could have.
@@ -65,6 +65,34 @@ pub enum ModelError {
          stable"
     )]
     Step { step: f64, limit: f64 },
+}
+
+impl ModelError {
+    /// Whether it is about a name that no guide and no effect has, and not about a file.
+    pub fn is_unknown_name(&self) -> bool {
+        matches!(
+            self,
+            ModelError::UnknownGuide { .. }
+                | ModelError::NotInCatalogue { .. }
+                | ModelError::NoParallelBristles { .. }
+                | ModelError::UnknownEffect { .. }
+        )
+    }
+
+    /// The same with the nearest of all models that have a name, where a guide is unknown.
+    pub(super) fn with_nearest_model(mut self, given: &str) -> ModelError {
+        if let ModelError::UnknownGuide { hint, .. } = &mut self {
+            let catalogue = Catalogue::builtin();
+            let on_bristles = catalogue
+                .names()
+                .filter(|name| catalogue.distributed_bristles(name).is_some())
+                .map(|name| format!("{name}{}", StageModel::PARALLEL_BRISTLES));
+            let names: Vec<String> =
+                catalogue.names().map(str::to_owned).chain(on_bristles).collect();
+            *hint = nearest(given, names.iter().map(String::as_str));
+        }
+        self
+    }
 }
 
 /// `; did you mean ...` when one of the known names is close to the given one, else nothing.

@@ -240,9 +240,9 @@ impl StageModel {
         }
         let path = Path::new(name);
         if path.extension().is_none() && path.components().count() == 1 && !path.exists() {
-            // Not a file by its looks: the catalogue's error names the nearest guide.
+            // Not a file by its looks: the catalogue's error names the nearest model.
             let model = StageModel::on_guides(name);
-            model.check()?;
+            model.check().map_err(|error| error.with_nearest_model(name))?;
             return Ok(model);
         }
         StageModel::load(path)
@@ -439,6 +439,7 @@ mod tests {
         }
         for (name, words) in [
             ("guide_9+distributed_bristles", "did you mean `guide_"),
+            ("guide_2+distributd_bristles", "did you mean `guide_2+distributed_bristles`"),
             (
                 "guide_1+distributed_bristles+distributed_bristles",
                 "no parallel bristles of `guide_1+",

@@ -80,8 +80,8 @@ pub struct Estimate {
     /// Standard deviation of each coordinate around what records like this one give; infinite where
     /// the data say nothing.
     pub deviations: Vec<f64>,
-    /// How far the sensors' noise takes that from the truth, by coordinate; 0 where nobody has
-    /// asked.
+    /// How far the sensors' noise takes that from the truth, by coordinate; 0 where it is not
+    /// computed.
     pub shifts: Vec<f64>,
     /// Correlation matrix of the coordinates, row by row.
     pub correlations: Vec<Vec<f64>>,

@@ -729,8 +729,8 @@ mod tests {
         assert!((ringing / way - 1.0).abs() < 0.1, "{ringing} m of {way} m");
     }
 
-    /// In a hole the stage may have turned: until its guides have slid far, nobody knows what they
-    /// hold.
+    /// In a hole the stage may have turned: until its guides have slid far, what they hold is
+    /// unknown.
     #[test]
     fn after_a_hole_rows_wait_until_the_guides_have_slid() {
         let model = StageModel::default();

@@ -158,8 +158,8 @@ impl Examiner<'_> {
             .any(|(column, whole)| span(&column[run.clone()]) > 0.1 * whole.max(f64::MIN_POSITIVE))
     }
 
-    /// Whether the command reaches the declared limit of the motor, or a limit that nobody
-    /// declares. A command that is held is none: it has no sensor that could be dead.
+    /// Whether the command reaches the declared limit of the motor, or a limit that is not
+    /// declared. A command that is held is none: it has no sensor that could be dead.
     pub(super) fn saturated(&mut self) {
         let column = self.column(Signal::Force);
         let limit = self.model.map_or(f64::INFINITY, |model| model.motor.force_limit);

@@ -112,7 +112,7 @@ def _interrupted(job: Job) -> int:
         state = f"{kept.done} of {kept.chunks} chunks are kept in {kept.out}"
     except FrictionStageError:
         state = "nothing was begun"
-    print(f"stopped: {state}; the same command goes on", file=sys.stderr)
+    print(f"stopped: {state}; the same command continues", file=sys.stderr)
     return INTERRUPTED
 
 
