@@ -131,7 +131,8 @@ pub fn run(args: &TuneArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let mass = model.moving_mass();
     if args.application.is_some() && (application.mass / mass - 1.0).abs() > 0.01 {
         notes.push(format!(
-            "the application is for {} {kg} and the model moves {mass} {kg}: that of the model counts",
+            "the application is for {} {kg} and the model moves {mass} {kg}: that of the model \
+             counts",
             application.mass,
             kg = model.joint.unit("kg")
         ));

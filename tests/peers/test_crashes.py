@@ -307,8 +307,8 @@ def test_the_nodes_of_a_command_end_with_it_however_it_ends(domain, processes, t
 
 
 def alive(pid: str) -> bool:
-    """Whether a process of another parent runs: one that has ended, and whose parent has not waited for it,
-    counts as none."""
+    """Whether a process of another parent runs: one that has ended, and whose parent has not waited
+    for it, counts as none."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
     except FileNotFoundError:

@@ -7,7 +7,8 @@
 Each round computes the variants of the fine step with the program `select` and on every engine, in
 turn, so that whatever else the machine does falls on all; time of cores (CPU time, that of the
 workers of Dask included) depends on it least. The time of the workers of Ray is not
-counted: they end with a run. Clusters have one worker process for each core and are started before the clock is.
+counted: they end with a run. Clusters have one worker process for each core and are started before
+the clock is.
 """
 
 import argparse
