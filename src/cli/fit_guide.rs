@@ -11,8 +11,13 @@ use super::Outcome;
 use super::progress::Progress;
 use crate::directory::may_replace;
 use crate::made_by;
+use friction_stage_core::model::JointType;
+use friction_stage_data::quality::Severity;
 use friction_stage_data::signals::Trace;
-use friction_stage_lab::{Fitted, GuideConstruction, GuideFit, RigRecord, fit_guide};
+use friction_stage_lab::{
+    Fitted, GuideConstruction, GuideFit, GuideFitFinding, RigRecord, fit_guide,
+};
+use friction_stage_report::words::{Worded, all_words};
 
 /// Fit a guide to recordings of the measuring rig and write it as an entry of a catalogue.
 ///
@@ -62,7 +67,7 @@ pub struct FitGuideArgs {
 }
 
 #[derive(Debug, Serialize)]
-struct Report {
+struct Report<'a> {
     schema_version: u32,
     name: String,
     parameters: Vec<Parameter>,
@@ -71,6 +76,7 @@ struct Report {
     force_rms_n: f64,
     noise_rms_n: f64,
     catalogue: PathBuf,
+    findings: Vec<Worded<'a, GuideFitFinding>>,
     warnings: Vec<String>,
 }
 
@@ -153,7 +159,8 @@ pub fn run(args: &FitGuideArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
         force_rms_n: fit.force_rms,
         noise_rms_n: fit.noise_rms,
         catalogue: args.out.clone(),
-        warnings: fit.warnings.clone(),
+        findings: fit.findings.iter().map(worded).collect(),
+        warnings: all_words(&fit.findings, JointType::Prismatic),
     };
     if args.json {
         writeln!(out, "{}", serde_json::to_string_pretty(&report)?)?;
@@ -163,7 +170,11 @@ pub fn run(args: &FitGuideArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
     Ok(if report.warnings.is_empty() { Outcome::Done } else { Outcome::Warnings })
 }
 
-fn print(out: &mut dyn Write, report: &Report) -> std::io::Result<()> {
+fn worded(finding: &GuideFitFinding) -> Worded<'_, GuideFitFinding> {
+    Worded::new(finding.code(), Severity::Warning, finding, JointType::Prismatic)
+}
+
+fn print(out: &mut dyn Write, report: &Report<'_>) -> std::io::Result<()> {
     writeln!(
         out,
         "{}: from {} runs at constant velocity and {} rows of loops",

@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::dahl::{AMPLITUDES, DahlCurves, dahl};
 use super::distributed_fit::{DistributedFit, best_single};
 use super::fast_move::{FastMove, fast_move_along};
+use super::finding::ExperimentFinding;
 use super::fine_step::{FineStep, STEPS, fine_step_along};
 use super::frequency_response::{FrequencyResponse, frequency_response};
 use super::hunting::{BANDWIDTHS, HuntingResult, INTEGRALS, hunting};
@@ -188,7 +189,7 @@ pub struct ExperimentFindings {
     /// Where guide 1 was measured with one bristle and with three.
     pub stiffness_of_guide_1: Option<StiffnessFit>,
     /// What a script must notice: effects left out, statements that need other guides.
-    pub warnings: Vec<String>,
+    pub warnings: Vec<ExperimentFinding>,
     /// Values that are assumed, guides that are not passive.
     pub notes: Vec<String>,
 }
@@ -473,14 +474,13 @@ impl ExperimentPlan {
     }
 
     /// What was left out of a specimen on what the experiment runs on.
-    fn warnings_of(&self, of: &Specimen) -> Vec<String> {
-        let concerned =
-            of.warnings.iter().filter(|(platform, _)| self.experiment.runs_on(*platform));
-        concerned.map(|(_, words)| words.clone()).collect()
+    fn warnings_of(&self, of: &Specimen) -> Vec<ExperimentFinding> {
+        let concerned = of.omissions.iter().filter(|one| self.experiment.runs_on(one.platform));
+        concerned.cloned().map(ExperimentFinding::LeftOut).collect()
     }
 
     fn conclude(&self, results: ExperimentResults) -> Result<ExperimentFindings, LabError> {
-        let mut warnings: Vec<String> =
+        let mut warnings: Vec<ExperimentFinding> =
             self.specimens.iter().flat_map(|of| self.warnings_of(of)).collect();
         let mut notes = Vec::new();
         for of in &self.specimens {
@@ -490,12 +490,7 @@ impl ExperimentPlan {
         if self.experiment == Experiment::Paper {
             match paper_results(&results) {
                 Some(results) => found = statements(&results),
-                None => warnings.push(
-                    "the paper's statements need guide_1, guide_2, guide_3 and \
-                     guide_1+distributed_bristles, or all three with +distributed_bristles: no \
-                     table"
-                        .to_owned(),
-                ),
+                None => warnings.push(ExperimentFinding::NoStatements),
             }
         }
         let stiffness_of_guide_1 = paper_fit(&results, &self.specimens)?;

@@ -12,6 +12,7 @@ use std::slice;
 
 use serde::Serialize;
 
+use super::finding::GuideFitFinding;
 use super::least_squares::{FitError, Minimum, minimise};
 use super::specimen::LabRecording as Recording;
 use friction_stage_core::model::{
@@ -78,8 +79,8 @@ pub struct GuideFit {
     pub force_rms: f64,
     /// Rms of the noise of the force cell, from its differences, N.
     pub noise_rms: f64,
-    /// What a user should know, in sentences.
-    pub warnings: Vec<String>,
+    /// What a user should know.
+    pub findings: Vec<GuideFitFinding>,
 }
 
 /// How a fitted guide is built, which no recording shows.
@@ -427,7 +428,7 @@ fn conclude(minimum: &Minimum, shape: Shape, windows: &[Window], loops: &Motion)
         rows: loops.force.len(),
         force_rms,
         noise_rms: noise_of(windows).sqrt(),
-        warnings: Vec::new(),
+        findings: Vec::new(),
     };
     fit.warn(&guide, loops);
     fit
@@ -527,39 +528,27 @@ impl GuideFit {
             let width = (fitted.ci95[1] - fitted.ci95[0]) / (2.0 * fitted.value);
             // A tenth: three times what a fit on a good rig leaves.
             if width > 0.1 {
-                self.warnings.push(format!(
-                    "{name} is {:.4e}, known to {:.0} % only (95 %): the recordings hardly show it",
-                    fitted.value,
-                    100.0 * width
-                ));
+                self.findings.push(GuideFitFinding::WideInterval {
+                    parameter: name,
+                    value: fitted.value,
+                    share: width,
+                });
             }
         }
         let damping = loops.damping_force_rms(guide);
         if damping < LEAST_DAMPING * self.noise_rms {
-            self.warnings.push(format!(
-                "the bristle damping makes {damping:.3} N rms of the loops' force, the noise of \
-                 the cell is {:.3} N: bristle_damping may lie outside its interval; make the loops \
-                 quicker, as `experiment dahl` does for dahl_quick",
-                self.noise_rms
-            ));
+            let noise = self.noise_rms;
+            self.findings.push(GuideFitFinding::HiddenDamping { damping, noise });
         }
         if self.force_rms > 1.5 * self.noise_rms {
-            self.warnings.push(format!(
-                "one bristle leaves {:.3} N of the loops' force, the noise of the cell is {:.3} N: \
-                 stiffness depends on the amplitude here, as for several bristles in parallel",
-                self.force_rms, self.noise_rms
-            ));
+            let (left, noise) = (self.force_rms, self.noise_rms);
+            self.findings.push(GuideFitFinding::SeveralBristles { left, noise });
         }
         let (low, high) = loops.position_range();
         let break_away = guide.static_force / guide.stiffness;
-        if high - low < 4.0 * break_away {
-            self.warnings.push(format!(
-                "the largest loop spans {:.1} µm, break-away takes some {:.1} µm: make it at least \
-                 {:.0} µm",
-                (high - low) * 1e6,
-                break_away * 1e6,
-                4e6 * break_away
-            ));
+        let (span, least) = (high - low, 4.0 * break_away);
+        if span < least {
+            self.findings.push(GuideFitFinding::SmallLoop { span, break_away, least });
         }
     }
 }

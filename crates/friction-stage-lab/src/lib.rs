@@ -25,6 +25,7 @@ mod dahl;
 mod distributed_fit;
 mod experiment;
 mod fast_move;
+mod finding;
 mod fine_step;
 mod frequency_response;
 mod friction_curve;
@@ -63,6 +64,7 @@ pub use experiment::{
     OwnMove, SavePart, SpecimenHunting, SpecimenRig, StiffnessFit, check_amplitude, check_rest,
 };
 pub use fast_move::{FastMove, WAVE, fast_move};
+pub use finding::{ExperimentFinding, GuideFitFinding, Omission, Omitted};
 pub use fine_step::{FineStep, STEPS, fine_step};
 pub use frequency_response::{
     FrequencyResponse, Resonance, ResponseLevel, ResponsePoint, frequency_response,

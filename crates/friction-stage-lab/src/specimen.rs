@@ -11,6 +11,7 @@ use friction_stage_core::plant::effects::{EffectDescriptor, Effects, Role};
 use friction_stage_core::plant::{BristleShare, Rates, Sample, Slip, Stage};
 
 use super::distributed_fit::NoDistributedFit;
+use super::finding::{Omission, Omitted};
 use friction_stage_core::ClosedLoop;
 
 /// Bandwidth of the rig's position servo, Hz. Assumed: the paper says closed loop and no more; as
@@ -18,7 +19,8 @@ use friction_stage_core::ClosedLoop;
 pub const SERVO_BANDWIDTH: f64 = 60.0;
 
 /// What an experiment runs on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Platform {
     /// One guide under a position servo, with a force cell.
     Rig,
@@ -38,7 +40,7 @@ pub struct Specimen {
     /// Bandwidth of the stage's controller, Hz (paper, section 4: 60 Hz).
     pub bandwidth: f64,
     /// What was left out to come from one to the other, and on which of them.
-    pub warnings: Vec<(Platform, String)>,
+    pub omissions: Vec<Omission>,
 }
 
 /// Seed of the sensor noise and rates of an experiment.
@@ -202,7 +204,7 @@ impl Specimen {
             name: name.replace('_', " "),
             rig: StageModel::measuring_rig(name)?,
             stage: StageModel::on_guides(name),
-            warnings: Vec::new(),
+            omissions: Vec::new(),
         })
     }
 
@@ -210,7 +212,7 @@ impl Specimen {
     /// with four of its guide under the stage of the paper. Sensors and motor are the model's own.
     ///
     /// Of the effects only those that belong to a guide go from one to the other; the rest is named
-    /// in the warnings.
+    /// in the omissions.
     pub fn of_model(model: &StageModel) -> Result<Specimen, ModelError> {
         model.check()?;
         let guides = model.resolved_guides()?;
@@ -220,24 +222,21 @@ impl Specimen {
         };
         let effects: Vec<_> =
             model.effects.iter().filter(|effect| of_the_guide(&effect.name)).cloned().collect();
-        let mut warnings = Vec::new();
-        if effects.len() < model.effects.len() {
-            let left: Vec<&str> = model
-                .effects
-                .iter()
-                .map(|e| e.name.as_str())
-                .filter(|name| !of_the_guide(name))
-                .collect();
-            let (platform, other) = match model.coupling {
-                Some(_) => (Platform::Stage, "stage"),
-                None => (Platform::Rig, "rig"),
+        let mut omissions = Vec::new();
+        let mut omit = |platform, omitted| {
+            omissions.push(Omission { platform, model: model.name.clone(), omitted });
+        };
+        let names = model.effects.iter().map(|effect| effect.name.clone());
+        let left: Vec<String> = names.filter(|name| !of_the_guide(name)).collect();
+        if !left.is_empty() {
+            let other = match model.coupling {
+                Some(_) => Platform::Stage,
+                None => Platform::Rig,
             };
-            let words = format!("{}: on the {other} without {}", model.name, left.join(", "));
-            warnings.push((platform, words));
+            omit(other, Omitted::Effects(left));
         }
         if guides.iter().any(|guide| guide != &guides[0]) {
-            let words = format!("{}: its guides differ; on the rig is guides[0]", model.name);
-            warnings.push((Platform::Rig, words));
+            omit(Platform::Rig, Omitted::OtherGuides);
         }
         let same = StageModel { effects, ..model.clone() };
         let (rig, stage) = if model.coupling.is_some() {
@@ -266,7 +265,7 @@ impl Specimen {
             (rig, model.clone())
         };
         let bandwidth = ControllerSettings::PAPER_BANDWIDTH;
-        Ok(Specimen { name: model.name.clone(), rig, stage, bandwidth, warnings })
+        Ok(Specimen { name: model.name.clone(), rig, stage, bandwidth, omissions })
     }
 
     /// The guide type, parameters resolved.

@@ -1,10 +1,12 @@
 //! `fit_guide`: a guide from recordings of the measuring rig.
 
+use friction_stage_core::model::JointType;
 use friction_stage_data::signals::{SignalError, Trace};
 use friction_stage_identify::RecordSource;
 use friction_stage_lab::{
     Fitted, GuideConstruction, GuideFit, GuideFitError, RigRecord, fit_guide,
 };
+use friction_stage_report::words::all_words;
 use pyo3::prelude::*;
 
 use crate::error::{OrRaise as _, Raise as _, raised, words};
@@ -30,7 +32,7 @@ impl FittedGuide {
 
     #[getter]
     fn warnings(&self) -> Vec<String> {
-        self.fit.warnings.clone()
+        all_words(&self.fit.findings, JointType::Prismatic)
     }
 
     #[getter]

@@ -1,31 +1,11 @@
 //! What a recording holds and what is wrong with it, as JSON for other programs.
 
-use serde::Serialize;
 use serde_json::{Value, json};
 
-use crate::words::{Words, all_words, subject};
+use crate::words::{Worded, all_words, subject};
 use friction_stage_core::model::JointType;
-use friction_stage_data::quality::{DataFinding, FileFinding, RecordingCheck};
+use friction_stage_data::quality::{DataFinding, FileFinding, RecordingCheck, Severity};
 use friction_stage_data::signals::SignalNote;
-
-/// A finding with its code, how much it matters, and the sentence for it.
-#[derive(Serialize)]
-struct Worded<'a, F> {
-    code: &'static str,
-    severity: &'static str,
-    text: String,
-    #[serde(flatten)]
-    finding: &'a F,
-}
-
-fn worded<F: Words + Serialize>(
-    code: &'static str,
-    severity: &'static str,
-    finding: &F,
-    joint: JointType,
-) -> Result<Value, serde_json::Error> {
-    serde_json::to_value(Worded { code, severity, text: finding.words(joint), finding })
-}
 
 /// The JSON of a check: the messages of a bag with `findings` and `warnings`, the signals as
 /// `data`, and what they can identify as `identification`.
@@ -38,7 +18,12 @@ pub fn recording_json(check: &RecordingCheck) -> Result<Value, serde_json::Error
                 .findings
                 .iter()
                 .map(|finding: &FileFinding| {
-                    worded(finding.code(), finding.severity().name(), finding, joint)
+                    serde_json::to_value(Worded::new(
+                        finding.code(),
+                        finding.severity(),
+                        finding,
+                        joint,
+                    ))
                 })
                 .collect::<Result<_, _>>()?;
             found["warnings"] = json!(all_words(&messages.findings, joint));
@@ -53,7 +38,14 @@ pub fn recording_json(check: &RecordingCheck) -> Result<Value, serde_json::Error
             found["findings"] = data
                 .notes
                 .iter()
-                .map(|finding: &SignalNote| worded(finding.code(), "warning", finding, joint))
+                .map(|finding: &SignalNote| {
+                    serde_json::to_value(Worded::new(
+                        finding.code(),
+                        Severity::Warning,
+                        finding,
+                        joint,
+                    ))
+                })
                 .collect::<Result<_, _>>()?;
             found["notes"] = json!(all_words(&data.notes, joint));
             found
@@ -67,7 +59,12 @@ pub fn recording_json(check: &RecordingCheck) -> Result<Value, serde_json::Error
                 .findings
                 .iter()
                 .map(|finding: &DataFinding| {
-                    worded(finding.code(), finding.severity().name(), finding, joint)
+                    serde_json::to_value(Worded::new(
+                        finding.code(),
+                        finding.severity(),
+                        finding,
+                        joint,
+                    ))
                 })
                 .collect::<Result<_, _>>()?;
             found["judgements"] = identification

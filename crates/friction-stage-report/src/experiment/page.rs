@@ -84,7 +84,7 @@ impl<'a> Report<'a> {
             ),
             ("numbers", "summary.json".to_owned()),
         ]);
-        for warning in self.summary.warnings {
+        for warning in &self.summary.warnings {
             self.page.note(Mark::Warning, warning);
         }
         for note in self.summary.notes {

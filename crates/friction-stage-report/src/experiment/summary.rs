@@ -4,8 +4,12 @@ use std::fmt::Write as _;
 
 use serde::{Serialize, Serializer};
 
+use crate::words::{Worded, all_words};
+use friction_stage_core::model::JointType;
+use friction_stage_data::quality::Severity;
 use friction_stage_lab::{
-    ExperimentFindings, ExperimentPlan, ExperimentResults, OwnMove, Statement, StiffnessFit,
+    ExperimentFinding, ExperimentFindings, ExperimentPlan, ExperimentResults, OwnMove, Statement,
+    StiffnessFit,
 };
 
 /// The whole file, `summary.json`.
@@ -33,8 +37,10 @@ pub struct ExperimentSummary<'a> {
     /// Everything measured.
     #[serde(serialize_with = "without_points")]
     pub results: &'a ExperimentResults,
-    /// What a user should know.
-    pub warnings: &'a [String],
+    /// What a user should know, each with a code.
+    pub findings: Vec<Worded<'a, ExperimentFinding>>,
+    /// The sentences of the findings.
+    pub warnings: Vec<String>,
     /// What explains the results and asks for no action.
     pub notes: &'a [String],
     /// Whether recordings are in `bags/`.
@@ -48,6 +54,10 @@ fn without_points<S: Serializer>(results: &ExperimentResults, to: S) -> Result<S
 
 fn ms(time: Option<f64>) -> String {
     time.map_or("never".to_owned(), |seconds| format!("{:.1}", 1e3 * seconds))
+}
+
+fn worded(finding: &ExperimentFinding) -> Worded<'_, ExperimentFinding> {
+    Worded::new(finding.code(), Severity::Warning, finding, JointType::Prismatic)
 }
 
 impl<'a> ExperimentSummary<'a> {
@@ -67,7 +77,8 @@ impl<'a> ExperimentSummary<'a> {
             statements: &found.statements,
             stiffness_of_guide_1: found.stiffness_of_guide_1.as_ref(),
             results: &found.results,
-            warnings: &found.warnings,
+            findings: found.warnings.iter().map(worded).collect(),
+            warnings: all_words(&found.warnings, JointType::Prismatic),
             notes: &found.notes,
             has_bags,
         }
@@ -84,7 +95,7 @@ impl ExperimentSummary<'_> {
     }
 
     fn write(&self, out: &mut String) -> std::fmt::Result {
-        for warning in self.warnings {
+        for warning in &self.warnings {
             writeln!(out, "warning: {warning}")?;
         }
         for note in self.notes {

@@ -6,13 +6,17 @@
 use std::borrow::Cow;
 use std::error::Error;
 
+use serde::Serialize;
+
 use friction_stage_core::model::JointType;
 use friction_stage_core::numerics::rounded;
+use friction_stage_data::quality::Severity;
 
 mod data;
 mod effects;
 mod guide;
 mod identify;
+mod lab;
 mod model;
 mod recording;
 
@@ -37,6 +41,28 @@ pub trait Words {
     /// The sentence, without a full stop, as a part of a list or after a colon; with the units of a
     /// joint.
     fn words(&self, joint: JointType) -> String;
+}
+
+/// A finding with its code, how much it matters, and the sentence for it, for other programs.
+#[derive(Debug, Serialize)]
+pub struct Worded<'a, F> {
+    code: &'static str,
+    severity: &'static str,
+    text: String,
+    #[serde(flatten)]
+    finding: &'a F,
+}
+
+impl<'a, F: Words> Worded<'a, F> {
+    /// A finding in words, with the units of a joint.
+    pub fn new(
+        code: &'static str,
+        severity: Severity,
+        finding: &'a F,
+        joint: JointType,
+    ) -> Worded<'a, F> {
+        Worded { code, severity: severity.name(), text: finding.words(joint), finding }
+    }
 }
 
 /// The sentences of several findings.
