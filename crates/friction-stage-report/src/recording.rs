@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use crate::words::{Worded, all_words, subject};
+use crate::words::{Worded, Words as _, all_words, subject};
 use friction_stage_core::model::JointType;
 use friction_stage_data::quality::{DataFinding, FileFinding, RecordingCheck, Severity};
 use friction_stage_data::signals::SignalNote;
