@@ -7,8 +7,10 @@ use std::path::Path;
 use anyhow::Context as _;
 
 use super::Outcome;
-use friction_stage_lab::VariantRows;
-use friction_stage_report::selection::{selection_text, trade_off_figure};
+use friction_stage_lab::{SelectionFinding, VariantRows};
+use friction_stage_report::selection::{
+    SelectionSummary, reasons, selection_text, trade_off_figure,
+};
 
 /// Ranks all rows of a directory, writes what belongs to them and tells the result on `out`.
 pub fn finish(
@@ -23,7 +25,7 @@ pub fn finish(
         let path = directory.join(name);
         std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))
     };
-    let summary = serde_json::to_string_pretty(&selection)?;
+    let summary = serde_json::to_string_pretty(&SelectionSummary::new(&selection))?;
     write("summary.json", format!("{summary}\n"))?;
     write("trade_off.svg", trade_off_figure(plan, &tallies, &selection)?)?;
     #[cfg(feature = "parquet")]
@@ -45,8 +47,8 @@ pub fn finish(
             "no guide meets the requirement of `{}` in any variant; the nearest is {}: {}",
             plan.application.name,
             best.guide,
-            best.reasons.join("; ")
+            reasons(best)
         );
     }
-    Ok(Outcome::warned(!selection.warnings.is_empty()))
+    Ok(Outcome::warned(selection.findings.iter().any(SelectionFinding::is_warning)))
 }

@@ -64,7 +64,9 @@ pub use experiment::{
     OwnMove, SavePart, SpecimenHunting, SpecimenRig, StiffnessFit, check_amplitude, check_rest,
 };
 pub use fast_move::{FastMove, WAVE, fast_move};
-pub use finding::{ExperimentFinding, GuideFitFinding, Omission, Omitted};
+pub use finding::{
+    Drawback, ExperimentFinding, GuideFitFinding, Omission, Omitted, SelectionFinding,
+};
 pub use fine_step::{FineStep, STEPS, fine_step};
 pub use frequency_response::{
     FrequencyResponse, Resonance, ResponseLevel, ResponsePoint, frequency_response,

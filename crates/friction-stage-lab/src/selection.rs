@@ -13,6 +13,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::application::Application;
+use super::finding::{Drawback, SelectionFinding};
 use super::rows::{Cell, Column, ColumnKind, NumberedPlan, OtherJob, RowsError, VariantRows};
 use super::variant::{VariantError, VariantExperiment, VariantResult, variant_seed};
 use friction_stage_core::model::{Catalogue, CatalogueEntry, Guide};
@@ -141,14 +142,13 @@ pub struct Ranked {
     /// Variants whose motor came to its limit.
     pub saturated: u64,
     /// Why it is not the one to take; empty for the chosen one.
-    pub reasons: Vec<String>,
+    #[serde(skip)]
+    pub drawbacks: Vec<Drawback>,
 }
 
 /// The answer.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug)]
 pub struct GuideSelection {
-    /// Version of the format.
-    pub schema_version: u32,
     /// Name of the application.
     pub application: String,
     /// Seed of draws and noise.
@@ -159,10 +159,8 @@ pub struct GuideSelection {
     pub choice: Option<String>,
     /// The guides, the best first.
     pub ranking: Vec<Ranked>,
-    /// What a script must notice: the choice is not a safe one.
-    pub warnings: Vec<String>,
-    /// Advice.
-    pub notes: Vec<String>,
+    /// What a user should know.
+    pub findings: Vec<SelectionFinding>,
 }
 
 /// Relative resolution of the quantiles: significant decimal digits of the histograms.
@@ -284,18 +282,16 @@ impl SelectionPlan {
         });
         let (best, best_tally) = order[0];
         let choice = (best.obstacle.is_none() && best_tally.met > 0).then(|| best.name.clone());
-        let mut warnings = Vec::new();
+        let mut findings = Vec::new();
         if choice.is_some() && best_tally.chance() < SAFE {
-            warnings.push(format!(
-                "{} is the best, yet meets the requirement in {} of its variants only",
-                best.name,
-                percent(best_tally.chance())
-            ));
+            findings.push(SelectionFinding::UnsafeChoice {
+                guide: best.name.clone(),
+                chance: best_tally.chance(),
+            });
         }
-        let notes = order[1..]
-            .iter()
-            .filter_map(|(candidate, tally)| low_friction_trap(candidate, tally, best, best_tally))
-            .collect();
+        findings.extend(order[1..].iter().filter_map(|(candidate, tally)| {
+            low_friction_trap(candidate, tally, best, best_tally)
+        }));
         let ranking = order
             .iter()
             .enumerate()
@@ -310,91 +306,67 @@ impl SelectionPlan {
                 settling_time: tally.settling_time(),
                 never_settled: tally.never_settled,
                 saturated: tally.saturated,
-                reasons: if index == 0 && choice.is_some() {
+                drawbacks: if index == 0 && choice.is_some() {
                     Vec::new()
                 } else {
-                    self.reasons(candidate, tally, (index > 0).then_some((best, best_tally)))
+                    self.drawbacks(candidate, tally, (index > 0).then_some((best, best_tally)))
                 },
             })
             .collect();
         GuideSelection {
-            schema_version: 1,
             application: self.application.name.clone(),
             seed: self.seed,
             variants: tallies.iter().map(|tally| tally.variants).sum(),
             choice,
             ranking,
-            warnings,
-            notes,
+            findings,
         }
     }
 
-    fn reasons(
+    fn drawbacks(
         &self,
         candidate: &Candidate,
         tally: &Tally,
         best: Option<(&Candidate, &Tally)>,
-    ) -> Vec<String> {
+    ) -> Vec<Drawback> {
         let requirement = &self.application.requirement;
-        let mut reasons: Vec<String> = candidate.obstacle.clone().into_iter().collect();
-        let share = |count: u64| percent(count as f64 / tally.variants.max(1) as f64);
-        let peak = tally.peak_error().q50;
+        let mut drawbacks: Vec<Drawback> =
+            candidate.obstacle.clone().map(Drawback::Excluded).into_iter().collect();
+        let share = |count: u64| count as f64 / tally.variants.max(1) as f64;
+        let medians = |of: &Tally| (of.peak_error().q50, of.settling_time().q50);
+        let (peak, settled) = medians(tally);
         if tally.peak_too_large > 0 {
-            reasons.push(format!(
-                "its peak error is too large in {} of the variants: {:.2} µm at the median, {:.2} \
-                 µm allowed",
-                share(tally.peak_too_large),
-                peak * 1e6,
-                requirement.peak_error * 1e6
-            ));
-        }
-        if tally.settled_too_late > 0 {
-            let median = tally.settling_time().q50;
-            let settled = if median.is_finite() {
-                format!("{:.1} ms", median * 1e3)
-            } else {
-                "not while watched".to_owned()
-            };
-            reasons.push(format!(
-                "it settles too late in {} of the variants: to {} µm after {settled} at the \
-                 median, {:.1} ms allowed",
-                share(tally.settled_too_late),
-                requirement.settling_band * 1e6,
-                requirement.settling_time * 1e3
-            ));
-        }
-        if tally.saturated > 0 {
-            reasons.push(format!(
-                "the motor reaches its limit in {} of the variants",
-                share(tally.saturated)
-            ));
-        }
-        let Some((best, best_tally)) = best else { return reasons };
-        if candidate.obstacle.is_none() && tally.met == tally.variants {
-            let (median, best_median) = (tally.settling_time().q50, best_tally.settling_time().q50);
-            let shown = |peak: f64, median: f64| {
-                (format!("{:.2} µm", peak * 1e6), format!("{:.1} ms", median * 1e3))
-            };
-            let (own, its) = (shown(peak, median), shown(best_tally.peak_error().q50, best_median));
-            reasons.push(match own == its {
-                true => format!(
-                    "it meets the requirement as well and is hardly different from {}: median \
-                     peak error {}, settled after {} with both",
-                    best.name, own.0, own.1
-                ),
-                false => format!(
-                    "it meets the requirement as well, with less margin: median peak error {} \
-                     against {} of {}, settled after {} against {}",
-                    own.0, its.0, best.name, own.1, its.1
-                ),
+            drawbacks.push(Drawback::PeakError {
+                share: share(tally.peak_too_large),
+                median: peak,
+                allowed: requirement.peak_error,
             });
         }
-        if let Some(cause) = cause(&candidate.guide, &best.guide, &best.name)
-            && peak > best_tally.peak_error().q50
-        {
-            reasons.push(cause);
+        if tally.settled_too_late > 0 {
+            drawbacks.push(Drawback::Settling {
+                share: share(tally.settled_too_late),
+                band: requirement.settling_band,
+                median: settled,
+                allowed: requirement.settling_time,
+            });
         }
-        reasons
+        if tally.saturated > 0 {
+            drawbacks.push(Drawback::Saturated { share: share(tally.saturated) });
+        }
+        let Some((best, best_tally)) = best else { return drawbacks };
+        let (best_peak, best_settled) = medians(best_tally);
+        if candidate.obstacle.is_none() && tally.met == tally.variants {
+            drawbacks.push(Drawback::LessMargin {
+                best: best.name.clone(),
+                peak_error: [peak, best_peak],
+                settling_time: [settled, best_settled],
+            });
+        }
+        let parameters = notably_larger(&candidate.guide, &best.guide);
+        if !parameters.is_empty() && peak > best_peak {
+            drawbacks.push(Drawback::Larger { best: best.name.clone(), parameters });
+        }
+        drawbacks
     }
 }
 
@@ -493,20 +465,14 @@ impl VariantRows {
     }
 }
 
-/// What of a guide is larger than of the chosen one, in numbers.
-fn cause(guide: &Guide, best: &Guide, best_name: &str) -> Option<String> {
+/// What of a guide is notably larger than of the chosen one: name, both values, unit.
+fn notably_larger(guide: &Guide, best: &Guide) -> Vec<(&'static str, f64, f64, &'static str)> {
     let compared = [
         ("bristle stiffness", guide.stiffness, best.stiffness, "N/m"),
         ("static friction", guide.static_force, best.static_force, "N"),
         ("viscous friction", guide.viscous_friction, best.viscous_friction, "N s/m"),
     ];
-    let reported: Vec<String> = compared
-        .into_iter()
-        .filter(|(_, own, other, _)| *own > NOTABLE * other)
-        .map(|(name, own, other, unit)| format!("{name} ({own} against {other} {unit})"))
-        .collect();
-    (!reported.is_empty())
-        .then(|| format!("it has more {} than {best_name}", reported.join(" and ")))
+    compared.into_iter().filter(|(_, own, other, _)| *own > NOTABLE * other).collect()
 }
 
 /// The paper's warning (sections 2 and 4): a guide with less viscous friction looks better in a
@@ -516,34 +482,19 @@ fn low_friction_trap(
     tally: &Tally,
     best: &Candidate,
     best_tally: &Tally,
-) -> Option<String> {
+) -> Option<SelectionFinding> {
     let (own, other) = (&candidate.guide, &best.guide);
+    let peak_error = [tally, best_tally].map(|of| of.peak_error().q50);
+    let static_force = [own, other].map(|of| of.static_force);
     let looks_better = own.viscous_friction * NOTABLE < other.viscous_friction;
-    let is_worse = tally.peak_error().q50 > best_tally.peak_error().q50
-        && own.static_force > other.static_force;
-    (looks_better && is_worse).then(|| {
-        format!(
-            "{} has {} of the viscous friction of {}, but more static friction ({} against {} N), \
-             which decides here: its median peak error is {:.2} µm against {:.2} µm. Low friction \
-             in a data sheet is friction at speed",
-            candidate.name,
-            percent(own.viscous_friction / other.viscous_friction),
-            best.name,
-            own.static_force,
-            other.static_force,
-            tally.peak_error().q50 * 1e6,
-            best_tally.peak_error().q50 * 1e6
-        )
+    let is_worse = peak_error[0] > peak_error[1] && static_force[0] > static_force[1];
+    (looks_better && is_worse).then(|| SelectionFinding::LowFriction {
+        guide: candidate.name.clone(),
+        best: best.name.clone(),
+        viscous_share: own.viscous_friction / other.viscous_friction,
+        static_force,
+        peak_error,
     })
-}
-
-fn percent(share: f64) -> String {
-    // Neither 0 % nor 100 % for what is not quite that.
-    match 100.0 * share {
-        share if share > 0.0 && share < 0.1 => "less than 0.1 %".to_owned(),
-        share if share < 100.0 && share > 99.9 => "more than 99.9 %".to_owned(),
-        share => format!("{share:.1} %"),
-    }
 }
 
 impl Default for Tally {
@@ -669,16 +620,19 @@ mod tests {
         assert_eq!(sealed.choice.as_deref(), Some("guide_1"));
         let unsealed = &sealed.ranking[2];
         assert!(
-            unsealed.guide == "guide_2" && unsealed.reasons[0].contains("has no seals"),
+            unsealed.guide == "guide_2"
+                && matches!(&unsealed.drawbacks[0], Drawback::Excluded(why) if why == "has no seals"),
             "{unsealed:?}"
         );
         for selection in [clean, sealed] {
-            let reported = selection.notes.iter().any(|note| {
-                note.starts_with("guide_3")
-                    && note.contains("static friction")
-                    && note.contains("18.5")
+            let reported = selection.findings.iter().any(|finding| match finding {
+                SelectionFinding::LowFriction { guide, static_force, .. } => {
+                    guide == "guide_3" && static_force[0] == 18.5
+                }
+                SelectionFinding::UnsafeChoice { .. } => false,
             });
-            assert!(reported && selection.warnings.is_empty(), "{selection:?}");
+            let is_safe = selection.findings.iter().all(|finding| !finding.is_warning());
+            assert!(reported && is_safe, "{selection:?}");
         }
     }
 
@@ -775,6 +729,9 @@ mod tests {
         let selection = select(&SelectionPlan::new(strict, &Catalogue::builtin(), 1, 6).unwrap());
         assert_eq!(selection.choice, None);
         let best = &selection.ranking[0];
-        assert!(best.reasons[0].contains("too large in 100.0 %"), "{best:?}");
+        let Drawback::PeakError { share, allowed, .. } = best.drawbacks[0] else {
+            panic!("{best:?}");
+        };
+        assert_eq!((share, allowed), (1.0, 1e-9));
     }
 }

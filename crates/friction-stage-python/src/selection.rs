@@ -8,7 +8,7 @@ use friction_stage_lab::{
     Application, SelectionError, SelectionPlan, Tally, VariantExperiment, VariantResult,
     variant_seed,
 };
-use friction_stage_report::selection::selection_text;
+use friction_stage_report::selection::{SelectionSummary, selection_text};
 use numpy::{IntoPyArray as _, PyReadonlyArray1};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -205,7 +205,8 @@ impl Ranking {
     /// The text of `summary.json` and what the command line prints, of what was counted.
     fn conclude(&self) -> PyResult<(String, String)> {
         let selection = self.plan.rank(&self.tallies);
-        let summary = serde_json::to_string_pretty(&selection).map_err(|error| refused(&error))?;
+        let summary = serde_json::to_string_pretty(&SelectionSummary::new(&selection))
+            .map_err(|error| refused(&error))?;
         Ok((summary, selection_text(&self.plan, &selection)))
     }
 }

@@ -2,10 +2,81 @@
 
 use std::fmt::Write as _;
 
+use serde::Serialize;
+
 use crate::chart::{Axis, Chart, Style};
 use crate::figure::{FigureError, svg};
-use crate::words::{fixed, guide_label};
-use friction_stage_lab::{GuideSelection, SelectionPlan, Tally};
+use crate::words::{Worded, Words as _, all_words, fixed, guide_label};
+use friction_stage_core::model::JointType;
+use friction_stage_data::quality::Severity;
+use friction_stage_lab::{GuideSelection, Ranked, SelectionFinding, SelectionPlan, Tally};
+
+/// The whole of `summary.json`.
+#[derive(Debug, Serialize)]
+pub struct SelectionSummary<'a> {
+    /// Version of the format.
+    pub schema_version: u32,
+    /// Name of the application.
+    pub application: &'a str,
+    /// Seed of draws and noise.
+    pub seed: u64,
+    /// Variants in the result, over all guides.
+    pub variants: u64,
+    /// The guide to take, if one meets the requirement in some variant.
+    pub choice: Option<&'a str>,
+    /// The guides, the best first.
+    pub ranking: Vec<RankedInWords<'a>>,
+    /// What a user should know, each with a code.
+    pub findings: Vec<Worded<'a, SelectionFinding>>,
+    /// What a script must notice: the choice is not a safe one.
+    pub warnings: Vec<String>,
+    /// Advice.
+    pub notes: Vec<String>,
+}
+
+/// One row of the ranking, with words.
+#[derive(Debug, Serialize)]
+pub struct RankedInWords<'a> {
+    /// Its numbers.
+    #[serde(flatten)]
+    pub row: &'a Ranked,
+    /// Why it is not the one to take; empty for the chosen one.
+    pub reasons: Vec<String>,
+}
+
+impl<'a> SelectionSummary<'a> {
+    /// A choice with the words for it.
+    pub fn new(selection: &'a GuideSelection) -> SelectionSummary<'a> {
+        let joint = JointType::Prismatic;
+        let (warnings, notes): (Vec<_>, Vec<_>) =
+            selection.findings.iter().partition(|finding| finding.is_warning());
+        SelectionSummary {
+            schema_version: 1,
+            application: &selection.application,
+            seed: selection.seed,
+            variants: selection.variants,
+            choice: selection.choice.as_deref(),
+            ranking: selection
+                .ranking
+                .iter()
+                .map(|row| RankedInWords { row, reasons: all_words(&row.drawbacks, joint) })
+                .collect(),
+            findings: selection.findings.iter().map(worded).collect(),
+            warnings: all_words(warnings, joint),
+            notes: all_words(notes, joint),
+        }
+    }
+}
+
+fn worded(finding: &SelectionFinding) -> Worded<'_, SelectionFinding> {
+    let severity = if finding.is_warning() { Severity::Warning } else { Severity::Note };
+    Worded::new(finding.code(), severity, finding, JointType::Prismatic)
+}
+
+/// Why a guide is not the one to take, in one sentence.
+pub fn reasons(row: &Ranked) -> String {
+    all_words(&row.drawbacks, JointType::Prismatic).join("; ")
+}
 
 /// The ranking as text for a person.
 pub fn selection_text(plan: &SelectionPlan, selection: &GuideSelection) -> String {
@@ -49,14 +120,12 @@ fn write_ranking(
     if let Some(choice) = &selection.choice {
         writeln!(out, "take {choice}")?;
     }
-    for row in selection.ranking.iter().filter(|row| !row.reasons.is_empty()) {
-        writeln!(out, "not {}: {}", row.guide, row.reasons.join("; "))?;
+    for row in selection.ranking.iter().filter(|row| !row.drawbacks.is_empty()) {
+        writeln!(out, "not {}: {}", row.guide, reasons(row))?;
     }
-    for warning in &selection.warnings {
-        writeln!(out, "warning: {warning}")?;
-    }
-    for note in &selection.notes {
-        writeln!(out, "note: {note}")?;
+    for finding in &selection.findings {
+        let kind = if finding.is_warning() { "warning" } else { "note" };
+        writeln!(out, "{kind}: {}", finding.words(JointType::Prismatic))?;
     }
     Ok(())
 }

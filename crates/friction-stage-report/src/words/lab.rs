@@ -1,7 +1,9 @@
 //! The words for what the laboratory finds.
 
 use friction_stage_core::model::{JointType, StageModel};
-use friction_stage_lab::{ExperimentFinding, GuideFitFinding, Omitted, Platform};
+use friction_stage_lab::{
+    Drawback, ExperimentFinding, GuideFitFinding, Omitted, Platform, SelectionFinding,
+};
 
 use super::Words;
 
@@ -58,11 +60,141 @@ impl Words for ExperimentFinding {
     }
 }
 
+impl Words for Drawback {
+    fn words(&self, _: JointType) -> String {
+        match self {
+            Self::Excluded(obstacle) => obstacle.clone(),
+            Self::PeakError { share, median, allowed } => format!(
+                "its peak error is too large in {} of the variants: {:.2} µm at the median, {:.2} \
+                 µm allowed",
+                percent(*share),
+                1e6 * median,
+                1e6 * allowed
+            ),
+            Self::Settling { share, band, median, allowed } => {
+                let settled = match median.is_finite() {
+                    true => format!("{:.1} ms", 1e3 * median),
+                    false => "not while watched".to_owned(),
+                };
+                format!(
+                    "it settles too late in {} of the variants: to {} µm after {settled} at the \
+                     median, {:.1} ms allowed",
+                    percent(*share),
+                    1e6 * band,
+                    1e3 * allowed
+                )
+            }
+            Self::Saturated { share } => {
+                format!("the motor reaches its limit in {} of the variants", percent(*share))
+            }
+            Self::LessMargin { best, peak_error, settling_time } => {
+                let [peak, best_peak] = peak_error.map(|error| format!("{:.2} µm", 1e6 * error));
+                let [time, best_time] = settling_time.map(|time| format!("{:.1} ms", 1e3 * time));
+                match peak == best_peak && time == best_time {
+                    true => format!(
+                        "it meets the requirement as well and is hardly different from {best}: \
+                         median peak error {peak}, settled after {time} with both"
+                    ),
+                    false => format!(
+                        "it meets the requirement as well, with less margin: median peak error \
+                         {peak} against {best_peak} of {best}, settled after {time} against \
+                         {best_time}"
+                    ),
+                }
+            }
+            Self::Larger { best, parameters } => {
+                let parameters: Vec<String> = parameters
+                    .iter()
+                    .map(|(name, own, other, unit)| {
+                        format!("{name} ({own} against {other} {unit})")
+                    })
+                    .collect();
+                format!("it has more {} than {best}", parameters.join(" and "))
+            }
+        }
+    }
+}
+
+impl Words for SelectionFinding {
+    fn words(&self, _: JointType) -> String {
+        match self {
+            Self::UnsafeChoice { guide, chance } => format!(
+                "{guide} is the best, yet meets the requirement in {} of its variants only",
+                percent(*chance)
+            ),
+            Self::LowFriction { guide, best, viscous_share, static_force, peak_error } => format!(
+                "{guide} has {} of the viscous friction of {best}, but more static friction ({} \
+                 against {} N), which decides here: its median peak error is {:.2} µm against \
+                 {:.2} µm. Low friction in a data sheet is friction at speed",
+                percent(*viscous_share),
+                static_force[0],
+                static_force[1],
+                1e6 * peak_error[0],
+                1e6 * peak_error[1]
+            ),
+        }
+    }
+}
+
+/// A share in per cent: neither 0 % nor 100 % for what is not quite that.
+fn percent(share: f64) -> String {
+    match 100.0 * share {
+        share if share > 0.0 && share < 0.1 => "less than 0.1 %".to_owned(),
+        share if share < 100.0 && share > 99.9 => "more than 99.9 %".to_owned(),
+        share => format!("{share:.1} %"),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use friction_stage_lab::Omission;
 
     use super::*;
+
+    #[test]
+    fn what_speaks_against_a_guide_is_said_with_its_numbers() {
+        let cases = [
+            (Drawback::Excluded("has no seals".to_owned()), "has no seals"),
+            (
+                Drawback::PeakError { share: 0.9999, median: 2e-6, allowed: 1.5e-6 },
+                "in more than 99.9 % of the variants: 2.00 µm at the median, 1.50 µm allowed",
+            ),
+            (
+                Drawback::Settling { share: 1.0, band: 1e-7, median: f64::INFINITY, allowed: 0.01 },
+                "to 0.1 µm after not while watched at the median, 10.0 ms allowed",
+            ),
+            (Drawback::Saturated { share: 0.5 }, "in 50.0 % of the variants"),
+            (
+                Drawback::LessMargin {
+                    best: "guide_2".to_owned(),
+                    peak_error: [2e-6, 1e-6],
+                    settling_time: [0.02, 0.02],
+                },
+                "less margin: median peak error 2.00 µm against 1.00 µm of guide_2",
+            ),
+            (
+                Drawback::LessMargin {
+                    best: "guide_2".to_owned(),
+                    peak_error: [1e-6, 1.001e-6],
+                    settling_time: [0.02, 0.02],
+                },
+                "hardly different from guide_2: median peak error 1.00 µm, settled after 20.0 ms",
+            ),
+            (
+                Drawback::Larger {
+                    best: "guide_2".to_owned(),
+                    parameters: vec![("static friction", 18.5, 9.0, "N")],
+                },
+                "it has more static friction (18.5 against 9 N) than guide_2",
+            ),
+        ];
+        for (drawback, words) in cases {
+            let said = drawback.words(JointType::Prismatic);
+            assert!(said.contains(words), "{said}");
+        }
+        let choice = SelectionFinding::UnsafeChoice { guide: "guide_2".to_owned(), chance: 0.85 };
+        assert!(choice.words(JointType::Prismatic).contains("in 85.0 % of its variants only"));
+    }
 
     #[test]
     fn each_finding_names_its_numbers() {
