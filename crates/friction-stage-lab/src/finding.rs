@@ -7,7 +7,7 @@ use crate::specimen::Platform;
 
 /// Something that a user should know about a fitted guide.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-#[serde(tag = "kind", rename_all = "snake_case")]
+#[serde(untagged)]
 pub enum GuideFitFinding {
     /// The recordings hardly show a parameter.
     WideInterval {
@@ -78,7 +78,7 @@ pub enum Omitted {
 
 /// Something that a user should know about an experiment.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-#[serde(tag = "kind", rename_all = "snake_case")]
+#[serde(untagged)]
 pub enum ExperimentFinding {
     /// Something of a model was left out.
     LeftOut(Omission),
@@ -147,7 +147,7 @@ pub enum Drawback {
 
 /// Something that a user should know about a choice of a guide.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-#[serde(tag = "kind", rename_all = "snake_case")]
+#[serde(untagged)]
 pub enum SelectionFinding {
     /// The guide to take does not meet the requirement for certain.
     UnsafeChoice {

@@ -26,7 +26,7 @@ impl Words for DataFinding {
         match self {
             Self::TooShort { rows, seconds, needed } => format!(
                 "the longest stretch without a gap has {rows} rows ({seconds:.3} s), {needed} are \
-                 needed: record longer"
+                 needed: record longer, or at a higher rate"
             ),
             Self::TooBrief { seconds, needed } => format!(
                 "the longest stretch without a gap lasts {seconds:.3e} s, {needed} s are needed to \

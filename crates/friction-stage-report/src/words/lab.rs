@@ -147,7 +147,10 @@ fn percent(share: f64) -> String {
 
 #[cfg(test)]
 mod tests {
+    use friction_stage_data::quality::Severity;
     use friction_stage_lab::Omission;
+
+    use crate::words::Worded;
 
     use super::*;
 
@@ -194,6 +197,28 @@ mod tests {
         }
         let choice = SelectionFinding::UnsafeChoice { guide: "guide_2".to_owned(), chance: 0.85 };
         assert!(choice.words(JointType::Prismatic).contains("in 85.0 % of its variants only"));
+    }
+
+    #[test]
+    fn other_programs_read_a_code_and_the_numbers() {
+        let json = |finding: &ExperimentFinding| {
+            let worded =
+                Worded::new(finding.code(), Severity::Warning, finding, JointType::Prismatic);
+            serde_json::to_value(worded).unwrap()
+        };
+        let none = json(&ExperimentFinding::NoStatements);
+        assert_eq!(
+            (&none["code"], &none["severity"]),
+            (&"no_statements".into(), &"warning".into())
+        );
+        let found = json(&ExperimentFinding::LeftOut(Omission {
+            platform: Platform::Rig,
+            model: "mine".to_owned(),
+            omitted: Omitted::Effects(vec!["cogging".to_owned()]),
+        }));
+        assert_eq!(found["code"], "effects_left_out");
+        assert_eq!((&found["platform"], &found["model"]), (&"rig".into(), &"mine".into()));
+        assert_eq!(found["omitted"]["effects"][0], "cogging");
     }
 
     #[test]
