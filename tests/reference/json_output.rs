@@ -191,6 +191,13 @@ const SAID: &[(&str, &str)] = &[
     ("fit-guide rows", "Rows that the fit used."),
     ("fit-guide runs", "Recordings that the fit used."),
     ("tune tunings[].on_variants.saturated", "Variants whose motor came to its limit."),
+    ("select ranking[].obstacle", "Why it cannot be used, whatever it reaches."),
+    ("merge ranking[].obstacle", "Why it cannot be used, whatever it reaches."),
+    (
+        "select findings[].static_force",
+        "Static friction, its own and that of the guide to take, N.",
+    ),
+    ("merge findings[].static_force", "Static friction, its own and that of the guide to take, N."),
     ("select ranking[].saturated", "Variants whose motor came to its limit."),
     ("merge ranking[].saturated", "Variants whose motor came to its limit."),
     ("worst", "Worst margins over guides within their tolerances, and amplitudes."),
