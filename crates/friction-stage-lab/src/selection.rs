@@ -621,7 +621,7 @@ mod tests {
         let unsealed = &sealed.ranking[2];
         assert!(
             unsealed.guide == "guide_2"
-                && unsealed.drawbacks[0] == Drawback::Excluded("has no seals".to_owned()),
+                && unsealed.drawbacks[0] == Drawback::Excluded(unsealed.obstacle.clone().unwrap()),
             "{unsealed:?}"
         );
         for selection in [clean, sealed] {
