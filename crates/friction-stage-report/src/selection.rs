@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use crate::chart::{Axis, Chart, Style};
 use crate::figure::{FigureError, svg};
+use crate::paper_motion::micrometres;
 use crate::words::{Worded, Words as _, all_words, fixed, guide_label};
 use friction_stage_core::model::JointType;
 use friction_stage_data::quality::Severity;
@@ -91,12 +92,12 @@ fn write_ranking(
     plan: &SelectionPlan,
     selection: &GuideSelection,
 ) -> std::fmt::Result {
-    let band = plan.application.requirement.settling_band * 1e6;
+    let band = micrometres(plan.application.requirement.settling_band);
     writeln!(out, "{}: {} variants", selection.application, selection.variants)?;
     writeln!(out)?;
     writeln!(
         out,
-        "                     meets the   peak error, µm (5, 50, 95 %)   settled to {band} µm \
+        "                     meets the   peak error, µm (5, 50, 95 %)   settled to {band} \
          after, ms"
     )?;
     writeln!(out, "     guide         requirement")?;

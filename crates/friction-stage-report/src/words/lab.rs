@@ -6,6 +6,7 @@ use friction_stage_lab::{
 };
 
 use super::Words;
+use crate::paper_motion::micrometres;
 
 impl Words for GuideFitFinding {
     fn words(&self, _: JointType) -> String {
@@ -77,10 +78,10 @@ impl Words for Drawback {
                     false => "not while watched".to_owned(),
                 };
                 format!(
-                    "it settles too late in {} of the variants: to {} µm after {settled} at the \
+                    "it settles too late in {} of the variants: to {} after {settled} at the \
                      median, {:.1} ms allowed",
                     percent(*share),
-                    1e6 * band,
+                    micrometres(*band),
                     1e3 * allowed
                 )
             }
