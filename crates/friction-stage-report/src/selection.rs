@@ -152,7 +152,8 @@ fn trade_off_charts(
     // What never settles is drawn at the end of what was watched.
     let (um, ms) =
         (|error: f64| error * 1e6, |time: f64| time.min(application.motion.settle) * 1e3);
-    let settled = format!("settled to {} µm after the arrival, ms", um(requirement.settling_band));
+    let settled =
+        format!("settled to {} after the arrival, ms", micrometres(requirement.settling_band));
     let (x, y) = (um(requirement.peak_error), ms(requirement.settling_time));
     let required = "required at most";
     let share = "share of the variants, %";
