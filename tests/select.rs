@@ -244,7 +244,7 @@ fn bad_input_is_said_with_the_right_code() {
         ),
         (
             &["--application", &clean, "--guides", "guide_4"],
-            1,
+            2,
             &["unknown guide `guide_4`", "did you mean"],
         ),
         (&["--application", "nowhere.yaml"], 1, &["cannot read nowhere.yaml"]),
