@@ -237,7 +237,7 @@ pub fn run(args: &ExperimentArgs, out: &mut dyn Write) -> anyhow::Result<Outcome
         writeln!(out, "\nreport {}", results.path().join("report.html").display())?;
     }
     let failed = found.statements.iter().any(|statement| !statement.holds);
-    Ok(Outcome::warned(failed || !found.warnings.is_empty()))
+    Ok(Outcome::warned(failed || !found.findings.is_empty()))
 }
 
 /// What a run that came to its end found, of which there is nothing to resume.

@@ -164,7 +164,7 @@ def into_a_network() -> list[str]:
     """What runs a command in a network namespace of its own, as root of it; empty where nothing
     does."""
     for way in (["unshare", "--net"], ["unshare", "--map-root-user", "--net"]):
-        # Some containers let nobody mount /proc.
+        # In some containers /proc cannot be mounted.
         for command in ([*way, *WITH_ITS_PROCESSES], way):
             try:
                 if (

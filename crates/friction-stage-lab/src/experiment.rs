@@ -151,7 +151,8 @@ pub fn check_amplitude(value: f64) -> Result<(), LabError> {
     within(value, 1e-9..=0.05, "between 1e-9 and 0.05 m")
 }
 
-/// Refuses a rest before the fast move and the fine step, s, that is no rest or takes hours.
+/// Refuses a rest before the fast move and the fine step, s, that is shorter than 10 ms or longer than
+/// an hour.
 pub fn check_rest(value: f64) -> Result<(), LabError> {
     within(value, 0.01..=3600.0, "between 0.01 and 3600 s")
 }
@@ -189,7 +190,7 @@ pub struct ExperimentFindings {
     /// Where guide 1 was measured with one bristle and with three.
     pub stiffness_of_guide_1: Option<StiffnessFit>,
     /// What a script must notice: effects left out, statements that need other guides.
-    pub warnings: Vec<ExperimentFinding>,
+    pub findings: Vec<ExperimentFinding>,
     /// Values that are assumed, guides that are not passive.
     pub notes: Vec<String>,
 }
@@ -474,14 +475,14 @@ impl ExperimentPlan {
     }
 
     /// What was left out of a specimen on what the experiment runs on.
-    fn warnings_of(&self, of: &Specimen) -> Vec<ExperimentFinding> {
+    fn findings_of(&self, of: &Specimen) -> Vec<ExperimentFinding> {
         let concerned = of.omissions.iter().filter(|one| self.experiment.runs_on(one.platform));
         concerned.cloned().map(ExperimentFinding::LeftOut).collect()
     }
 
     fn conclude(&self, results: ExperimentResults) -> Result<ExperimentFindings, LabError> {
-        let mut warnings: Vec<ExperimentFinding> =
-            self.specimens.iter().flat_map(|of| self.warnings_of(of)).collect();
+        let mut findings: Vec<ExperimentFinding> =
+            self.specimens.iter().flat_map(|of| self.findings_of(of)).collect();
         let mut notes = Vec::new();
         for of in &self.specimens {
             notes.extend(of.stage.notes()?.into_iter().map(|note| format!("{}: {note}", of.name)));
@@ -490,11 +491,11 @@ impl ExperimentPlan {
         if self.experiment == Experiment::Paper {
             match paper_results(&results) {
                 Some(results) => found = statements(&results),
-                None => warnings.push(ExperimentFinding::NoStatements),
+                None => findings.push(ExperimentFinding::NoStatements),
             }
         }
         let stiffness_of_guide_1 = paper_fit(&results, &self.specimens)?;
-        Ok(ExperimentFindings { results, statements: found, stiffness_of_guide_1, warnings, notes })
+        Ok(ExperimentFindings { results, statements: found, stiffness_of_guide_1, findings, notes })
     }
 
     fn measure<E: From<LabError>>(

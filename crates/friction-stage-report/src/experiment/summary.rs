@@ -77,8 +77,8 @@ impl<'a> ExperimentSummary<'a> {
             statements: &found.statements,
             stiffness_of_guide_1: found.stiffness_of_guide_1.as_ref(),
             results: &found.results,
-            findings: found.warnings.iter().map(worded).collect(),
-            warnings: all_words(&found.warnings, JointType::Prismatic),
+            findings: found.findings.iter().map(worded).collect(),
+            warnings: all_words(&found.findings, JointType::Prismatic),
             notes: &found.notes,
             has_bags,
         }
