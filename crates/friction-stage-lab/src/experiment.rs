@@ -151,8 +151,8 @@ pub fn check_amplitude(value: f64) -> Result<(), LabError> {
     within(value, 1e-9..=0.05, "between 1e-9 and 0.05 m")
 }
 
-/// Refuses a rest before the fast move and the fine step, s, that is shorter than 10 ms or longer than
-/// an hour.
+/// Refuses a rest before the fast move and the fine step, s, that is shorter than 10 ms or longer
+/// than an hour.
 pub fn check_rest(value: f64) -> Result<(), LabError> {
     within(value, 0.01..=3600.0, "between 0.01 and 3600 s")
 }
