@@ -40,6 +40,11 @@ impl ZeroPhaseLowpass {
         ZeroPhaseLowpass { taps, factor, rate }
     }
 
+    /// The same that keeps every value.
+    pub fn keeping_all(self) -> ZeroPhaseLowpass {
+        ZeroPhaseLowpass { factor: 1, ..self }
+    }
+
     /// Values on each side of a kept one that it depends on.
     pub fn half(&self) -> usize {
         self.taps.len() / 2

@@ -10,24 +10,13 @@ use friction_stage_core::plant::effects::ForceOverStep;
 use friction_stage_data::signals::Trace;
 
 use crate::error::IdentifyError;
+use crate::record::at_rest::{AtRest, REST_SPEED};
 use crate::record::lowpass::ZeroPhaseLowpass;
 
 /// Corner of the lowpass on measured and modelled forces, Hz, where the rate allows it. Assumed:
 /// above the controller's bandwidth, below the band where the encoder's noise, differentiated
 /// twice, hides everything.
 const FORCE_CORNER: f64 = 200.0;
-/// Corner below which the encoder says how the carriage moves at rest, Hz; above it the command
-/// does, over the mass and integrated twice. Assumed: well above the resonance of a mass on its
-/// bristles, 30 to 60 Hz, where friction has a part in the motion.
-const REST_CORNER: f64 = 100.0;
-/// Speeds, in standard deviations of the apparent speed from encoder noise, below which the
-/// position is smoothed wholly and above which it is left as it is. Assumed: a LuGre bristle
-/// relaxes with
-/// |v|, so apparent speed makes it drift; well above it |v| is right by itself.
-const REST_SPEED: (f64, f64) = (24.0, 93.0);
-/// What rings above the corner, rms in standard deviations of the encoder's noise, below which the
-/// position is smoothed wholly and above which it is left as it is. Assumed.
-const RINGING: (f64, f64) = (3.0, 6.0);
 /// Steps into which an interval is divided in which the velocity changes its sign or by more than
 /// [`STEADY`].
 const SUBSTEPS: usize = 4;
@@ -120,6 +109,7 @@ pub struct Measured {
     pub cell_noise: f64,
     /// Moving mass as declared, kg.
     mass: f64,
+    at_rest: AtRest,
     /// In order of time; each interval between samples has one or several.
     pub steps: Vec<Step>,
     /// Samples per second, Hz.
@@ -198,6 +188,7 @@ impl Measured {
         }
         let lowpass = ZeroPhaseLowpass::new(FORCE_CORNER.min(rate / 5.0), rate);
         let mut measured = Measured {
+            at_rest: AtRest::new(&position, rate, noise),
             time: trace.time.iter().map(|time| time - trace.time[0]).collect(),
             position,
             velocity: Vec::new(),
@@ -285,19 +276,27 @@ impl Measured {
             inner(&|k| (position[k + 1] - 2.0 * position[k] + position[k - 1]) * rate * rate);
         (self.command, self.cell, self.acceleration, self.mass) =
             (command, cell, acceleration, mass);
-        (self.velocity, self.steps) = self.moved_by(&self.position, &self.command);
+        (self.velocity, self.steps) = self.moved_by(None, &self.command);
     }
 
     /// Velocity at the nodes, m/s, and the motion in steps, where the carriage is at these
     /// positions, m, but for the encoder's noise, and this force of the motor at the nodes, N,
-    /// shakes it at rest.
-    pub(crate) fn moved_by(&self, position: &[f64], push: &[f64]) -> (Vec<f64>, Vec<Step>) {
+    /// shakes it at rest. `None`: where the encoder says.
+    pub(crate) fn moved_by(
+        &self,
+        elsewhere: Option<Vec<f64>>,
+        push: &[f64],
+    ) -> (Vec<f64>, Vec<Step>) {
         let (count, rate, dt, mass) = (self.len(), self.rate, self.rate.recip(), self.mass);
         // A cell's noise would shake the carriage more than the controller does.
         let shaken = self
             .has_command
             .then(|| push.iter().map(|force| force * dt * dt / mass).collect::<Vec<f64>>());
-        let smooth = at_rest_smoothed(position, shaken.as_deref(), rate, self.noise);
+        let position = elsewhere.as_deref().unwrap_or(&self.position);
+        let of_elsewhere =
+            elsewhere.as_ref().map(|position| AtRest::new(position, rate, self.noise));
+        let at_rest = of_elsewhere.as_ref().unwrap_or(&self.at_rest);
+        let smooth = at_rest.smoothed(position, shaken.as_deref());
         // With a force that is held the velocity at a node is the central difference less a quarter
         // of the jump of the acceleration times dt.
         let jump = |k: usize| match &self.raw_cell {
@@ -373,6 +372,7 @@ impl Measured {
     ) -> Measured {
         // All but what is worked out again.
         let mut other = Measured {
+            at_rest: AtRest::new(&position, self.rate, self.noise),
             time: self.time.clone(),
             position,
             velocity: Vec::new(),
@@ -601,70 +601,6 @@ fn filled(values: &[f64]) -> Vec<f64> {
 /// Declared noise of the encoder with that of its counts, m.
 fn declared_encoder_noise(model: &StageModel) -> f64 {
     model.encoder.noise.hypot(model.encoder.resolution / 12f64.sqrt())
-}
-
-/// The position with its noise taken out where the carriage hardly moves. What shakes it there is
-/// mostly what the controller makes of the encoder's noise, too fast and too small to be seen;
-/// bristles relax with it all the same. `shaken`: second differences of the position by the command
-/// alone, m.
-fn at_rest_smoothed(position: &[f64], shaken: Option<&[f64]>, rate: f64, noise: f64) -> Vec<f64> {
-    let lowpass = ZeroPhaseLowpass::new(REST_CORNER.min(rate / 5.0), rate);
-    let rest = lowpass.rest_of_second_differences();
-    let (count, half) = (position.len(), lowpass.half());
-    let apparent = 2f64.sqrt() * noise * rate;
-    let lowpassed = |signal: &[f64]| -> Vec<f64> {
-        (0..count)
-            .map(|k| if k < half || k + half >= count { signal[k] } else { lowpass.at(signal, k) })
-            .collect()
-    };
-    let rest_of = |signal: &[f64], slow: &[f64]| -> Vec<f64> {
-        signal.iter().zip(slow).map(|(whole, slow)| whole - slow).collect()
-    };
-    let slow = lowpassed(position);
-    let left = rest_of(position, &slow);
-    let squares: Vec<f64> = std::iter::once(0.0)
-        .chain(left.iter().scan(0.0, |sum, left| {
-            *sum += left * left;
-            Some(*sum)
-        }))
-        .collect();
-    // The slow part of the command is what friction holds: of the rest of the position again the
-    // slow part is the encoder's and the quick one the command's, so that together they pass all
-    // frequencies alike.
-    let shaken = shaken.map(|shaken| rest_of(shaken, &lowpassed(shaken)));
-    let speed: Vec<f64> = (0..count)
-        .map(|k| {
-            let (before, after) = (k.saturating_sub(half), (k + half).min(count - 1));
-            // The largest speed around, so that the onset of a motion is left as it is.
-            let mut largest = 0f64;
-            let mut at = before;
-            while at < after {
-                let next = (at + half / 2).min(after);
-                largest = largest.max((slow[next] - slow[at]).abs() * rate / (next - at) as f64);
-                at = next;
-            }
-            largest
-        })
-        .collect();
-    (0..count)
-        .map(|k| {
-            let (before, after) = (k.saturating_sub(half), (k + half + 1).min(count));
-            let ringing = ((squares[after] - squares[before]) / (after - before) as f64).sqrt();
-            let beyond = |value: f64, (low, high): (f64, f64)| {
-                ((value - low) / (high - low)).clamp(0.0, 1.0)
-            };
-            let share =
-                beyond(speed[k] / apparent, REST_SPEED).max(beyond(ringing / noise, RINGING));
-            let quick = match &shaken {
-                Some(shaken) if share < 1.0 && k >= half && k + half < count => {
-                    lowpass.at(&left, k) + rest.at(shaken, k)
-                }
-                _ => 0.0,
-            };
-            let smooth = slow[k] + quick;
-            smooth + share * (position[k] - smooth)
-        })
-        .collect()
 }
 
 /// Mean of the squares; 0 of nothing.

@@ -1,6 +1,7 @@
 //! A recording as identification needs it: motion, forces and noise on one grid, independent of any
 //! hypothesis.
 
+mod at_rest;
 pub mod joined;
 pub mod lowpass;
 pub mod measured;

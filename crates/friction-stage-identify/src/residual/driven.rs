@@ -176,9 +176,9 @@ impl Moved {
                 .zip(&late.at_nodes)
                 .map(|(command, late)| command + late)
                 .collect();
-            let behind: Vec<f64> =
-                measured.position.iter().zip(&ahead).map(|(read, ahead)| read - ahead).collect();
-            Some(measured.moved_by(&behind, &arriving).1)
+            let behind = || measured.position.iter().zip(&ahead).map(|(read, by)| read - by);
+            let elsewhere = (compliance != 0.0).then(|| behind().collect());
+            Some(measured.moved_by(elsewhere, &arriving).1)
         };
         if sensors.is_empty() {
             return Ok(Moved { sensors, lags, steps, errors: Vec::new() });

@@ -70,12 +70,22 @@ struct ActuatorLag {
     count: usize,
     /// y, N.
     output: f64,
+    /// The last time under one force, s, and the part of the way to it that y went: most are alike.
+    faded: (f64, f64),
 }
 
 impl ActuatorLag {
     fn new(time_constant: f64, delay: f64) -> ActuatorLag {
         let held = if delay > 0.0 { vec![(0.0, 0.0); KEPT] } else { Vec::new() };
-        ActuatorLag { time_constant, delay, held, oldest: 0, count: 0, output: 0.0 }
+        ActuatorLag {
+            time_constant,
+            delay,
+            held,
+            oldest: 0,
+            count: 0,
+            output: 0.0,
+            faded: (0.0, 0.0),
+        }
     }
 
     /// Takes a command that is held from `start`, s, into the ring.
@@ -140,7 +150,10 @@ impl ActuatorLag {
             return (force * time, 0.0);
         }
         // y = u + (y0 - u) exp(-t / T)
-        let (excess, part) = (self.output - force, -(-time / lag).exp_m1());
+        if time != self.faded.0 {
+            self.faded = (time, -(-time / lag).exp_m1());
+        }
+        let (excess, (_, part)) = (self.output - force, self.faded);
         self.output = force + excess * (1.0 - part);
         (force * time + excess * lag * part, excess * lag * (lag * part - time + 0.5 * time * part))
     }
