@@ -1,17 +1,17 @@
 //! Exchanges: with everything that was found, is each law needed, in this form, and no other one?
 
 use std::collections::BTreeSet;
-use std::{mem, slice};
+use std::mem;
 
 use rayon::prelude::*;
 
 use crate::error::IdentifyError;
-use crate::fit::{FitBudget, race};
+use crate::fit::{FitBudget, Fitted, race};
 use crate::hypothesis::{Hypothesis, Part, Sides};
 use friction_stage_core::plant::Side;
 
 use super::columns::Columns;
-use super::forms::{WITHIN, simpler, starts};
+use super::forms::{WITHIN, different, simpler, starts};
 use super::score::Judged;
 use super::selection::{Alternative, Errors, Evidence, Inseparable, Outcome};
 use super::state::{Search, correlation_of_taken, with_different_guides};
@@ -48,6 +48,9 @@ impl Search<'_> {
                 Some(_) => (changed, index) = (true, index + 1),
                 None => index += 1,
             }
+        }
+        if changed {
+            self.go_on_fitting(FitBudget::KEPT)?;
         }
         Ok(changed)
     }
@@ -227,35 +230,45 @@ impl Search<'_> {
     }
 
     /// Fits of hypotheses in place of what was found, each with guides that differ as they do and
-    /// afresh. They are given up where they leave far more on the train record, except that a term
-    /// may be there that only the train record asks for.
+    /// afresh; forms of one law side by side. They are given up where they leave far more on the
+    /// train record, except that a term may be there that only the train record asks for.
     fn raced(&self, others: Vec<(InPlace, Hypothesis)>) -> Vec<(InPlace, Judged)> {
-        let worth = self.worth_in_place();
-        let with_guides = |one: &Hypothesis, effort: FitBudget| {
-            race(slice::from_ref(one), self.train, Sides::BOTH, effort, 1.0).remove(0)
+        let of_one_law = |(one, _): &(InPlace, Hypothesis), (other, _): &(InPlace, Hypothesis)| {
+            one == other && matches!(one, InPlace::OtherForm | InPlace::Law(_))
         };
-        let fitted = others.into_par_iter().filter_map(|(what, one)| {
-            let worth = if what == InPlace::LessOfIt { f64::INFINITY } else { worth };
-            // Values that do not go together are no law in place of another.
-            let quick = FitBudget::COMPARED.gain_below(2.0 * worth);
-            let mut best = with_guides(&one.holding_guides(false), quick).ok()?;
-            if best.squares() <= 2.0 * worth {
-                let effort = FitBudget::KEPT.gain_below(worth);
-                let begins = [Some(best.hypothesis.clone()), best.hypothesis.different_guides()];
-                for begin in begins.iter().flatten() {
-                    let further = with_guides(begin, effort).ok()?;
-                    if further.squares() < best.squares() {
-                        best = further;
-                    }
-                }
-            }
-            (best.squares() <= worth || what != InPlace::OtherForm).then_some((what, best))
+        let fitted = others.par_chunk_by(of_one_law).flat_map_iter(|forms| {
+            let what = forms[0].0;
+            let forms = forms.iter().map(|(_, form)| form.holding_guides(false)).collect();
+            self.forms_in_place(what, forms).into_iter().map(move |one| (what, one))
         });
         fitted
             .collect::<Vec<_>>()
             .into_iter()
             .filter_map(|(what, fitted)| Some((what, self.judged(fitted).ok()?)))
             .collect()
+    }
+
+    fn forms_in_place(&self, what: InPlace, forms: Vec<Hypothesis>) -> Vec<Fitted> {
+        let worth = match what {
+            InPlace::LessOfIt => f64::INFINITY,
+            _ => self.worth_in_place(),
+        };
+        let quick = FitBudget::COMPARED.gain_below(2.0 * worth);
+        let compared = different(race(&forms, self.train, Sides::BOTH, quick, 2.0 * WITHIN));
+        let least = compared.first().map_or(f64::INFINITY, Fitted::squares);
+        let (near, far): (Vec<Fitted>, Vec<Fitted>) =
+            compared.into_iter().partition(|one| one.squares() <= 2.0 * worth);
+        let begins: Vec<Hypothesis> = near
+            .iter()
+            .flat_map(|one| [Some(one.hypothesis.clone()), one.hypothesis.different_guides()])
+            .flatten()
+            .collect();
+        let effort = self.on_the_way(least / self.train.rows.len() as f64).gain_below(worth);
+        let further = race(&begins, self.train, Sides::BOTH, effort, WITHIN);
+        let mut fitted = different(further.into_iter().chain(far.into_iter().map(Ok)).collect());
+        // Of other forms of the law itself only those that come close.
+        fitted.retain(|one| one.squares() <= worth || what != InPlace::OtherForm);
+        fitted
     }
 
     /// Squares on the train record up to which a fit may stand in the place of the best one, N^2.

@@ -39,13 +39,33 @@ pub(super) fn best_of(fitted: Vec<Result<Fitted, ModelError>>, most: usize) -> V
     fitted.sort_by(|one, other| one.squares().total_cmp(&other.squares()));
     let least = fitted.first().map_or(f64::INFINITY, Fitted::squares);
     fitted.retain(|one| one.squares() <= WITHIN * least);
-    let free = |one: &Fitted| one.hypothesis.effects.iter().map(Part::free).sum::<usize>();
     let equals = fitted.iter().take_while(|one| ALIKE * one.squares() <= least).enumerate();
     if let Some((simplest, _)) = equals.min_by_key(|(place, one)| (free(one), *place)) {
         fitted[..=simplest].rotate_right(1);
     }
     fitted.truncate(most);
     fitted
+}
+
+/// Fits of several forms, the best first, without those that have come to what another one with as
+/// many parameters leaves.
+pub(super) fn different(fitted: Vec<Result<Fitted, ModelError>>) -> Vec<Fitted> {
+    let mut fitted: Vec<Fitted> = fitted.into_iter().flatten().collect();
+    fitted.sort_by(|one, other| one.squares().total_cmp(&other.squares()));
+    let mut kept: Vec<Fitted> = Vec::new();
+    for one in fitted {
+        let is_alike =
+            |other: &Fitted| free(other) == free(&one) && other.squares() >= ALIKE * one.squares();
+        if !kept.iter().any(is_alike) {
+            kept.push(one);
+        }
+    }
+    kept
+}
+
+/// Parameters of its effects that a fit moves.
+fn free(fitted: &Fitted) -> usize {
+    fitted.hypothesis.effects.iter().map(Part::free).sum()
 }
 
 #[cfg(test)]
