@@ -69,8 +69,8 @@ impl AtRest {
         AtRest { lowpass, slow, share, shaken_samples, slow_of_rest }
     }
 
-    /// The position that it is of without the noise, m. `shaken`: second differences of the position
-    /// by the command alone, m.
+    /// The position that it is of without the noise, m. `shaken`: second differences of the
+    /// position by the command alone, m.
     pub(super) fn smoothed(&self, position: &[f64], shaken: Option<&[f64]>) -> Vec<f64> {
         let mut smooth = self.slow.clone();
         if let Some(shaken) = shaken {
