@@ -18,11 +18,8 @@ const BEND_STEP: f64 = 0.1;
 const LARGEST_BEND: f64 = 0.75;
 /// Damping at the start, in units of the curvature of each variable. Assumed.
 const FIRST_DAMPING: f64 = 1e-3;
-/// Dampings that are tried, each five times the one before, until a step makes the error smaller:
-/// along derivatives of the point itself, and along older ones, of which new ones are soon the
-/// better (J. J. Moré and others, "User Guide for MINPACK-1", ANL-80-74, 1980: two failures).
+/// Dampings that are tried, each five times the one before, until a step makes the error smaller.
 const DAMPINGS: usize = 10;
-const DAMPINGS_OF_OLDER: usize = 2;
 /// Steps that derivatives may serve after the one that they were taken for, and part of the fall
 /// they promise that a step must bring for another one.
 const OLDEST: usize = 3;
@@ -217,20 +214,12 @@ impl<S> Evaluation<S> {
             .then(|| (near.residual - &self.residual - jacobian * part) * (2.0 / BEND_STEP.powi(2)))
     }
 
-    /// By how much the sum of squares falls along a step, as far as it is linear.
-    fn promised(&self, jacobian: &DMatrix<f64>, step: &DVector<f64>) -> f64 {
-        self.squares - (&self.residual + jacobian * step).norm_squared()
-    }
-
-    /// A place where the error is smaller; `None` where there is none, or where it can hardly be
-    /// smaller by more than `counts`. `bends` where the step is to follow a valley: the derivatives
-    /// must be those of this very point.
+    /// A place where the error is smaller. `bends` where the step is to follow a valley: the
+    /// derivatives must be those of this very point.
     fn better<P: Problem<State = S>>(
         &self,
         sensitivities: &Sensitivities,
         damping: &mut f64,
-        counts: f64,
-        dampings: usize,
         bends: bool,
         problem: &P,
     ) -> Option<Evaluation<S>> {
@@ -239,7 +228,7 @@ impl<S> Evaluation<S> {
         let gradient = jacobian.tr_mul(&self.residual);
         let held = self.held(&gradient, ranges);
         let least = LEAST_CURVATURE * normal.diagonal().max();
-        for attempt in 0..dampings {
+        for attempt in 0..DAMPINGS {
             let mut matrix = normal.clone();
             for index in 0..self.values.len() {
                 matrix[(index, index)] +=
@@ -251,10 +240,6 @@ impl<S> Evaluation<S> {
                 *damping = (*damping * 10.0).max(1e-6);
                 continue;
             };
-            // More damping promises less.
-            if attempt > 0 && self.promised(jacobian, &step) < counts {
-                return None;
-            }
             if let Some(bend) = bends.then(|| self.bend(&step, jacobian, problem)).flatten() {
                 let mut right = -jacobian.tr_mul(&bend);
                 right
@@ -318,18 +303,9 @@ impl<S> Descent<S> {
         self.taken += 1;
         for age in 0.. {
             let bends = age == 0 && self.taken > IN_A_VALLEY;
-            let dampings = if age == 0 { DAMPINGS } else { DAMPINGS_OF_OLDER };
-            let counts = budget.least_fall.max(budget.progress * self.point.squares);
             let undamped = self.damping;
-            let next = self.point.better(
-                &sensitivities,
-                &mut self.damping,
-                counts,
-                dampings,
-                bends,
-                problem,
-            );
-            let Some(next) = next else {
+            let Some(next) = self.point.better(&sensitivities, &mut self.damping, bends, problem)
+            else {
                 // Not even along the derivatives of this very point.
                 self.converged |= age == 0;
                 self.damping = undamped;
