@@ -109,6 +109,7 @@ pub struct Measured {
     pub cell_noise: f64,
     /// Moving mass as declared, kg.
     mass: f64,
+    /// Of the position.
     at_rest: AtRest,
     /// In order of time; each interval between samples has one or several.
     pub steps: Vec<Step>,

@@ -176,8 +176,9 @@ impl Moved {
                 .zip(&late.at_nodes)
                 .map(|(command, late)| command + late)
                 .collect();
-            let behind = || measured.position.iter().zip(&ahead).map(|(read, by)| read - by);
-            let elsewhere = (compliance != 0.0).then(|| behind().collect());
+            let behind = |(read, by): (&f64, &f64)| read - by;
+            let elsewhere = (compliance != 0.0)
+                .then(|| measured.position.iter().zip(&ahead).map(behind).collect());
             Some(measured.moved_by(elsewhere, &arriving).1)
         };
         if sensors.is_empty() {

@@ -248,6 +248,9 @@ impl Search<'_> {
             .collect()
     }
 
+    /// Fits of the forms of one law in place of what was found, the best first: a few steps of
+    /// each, then those that may stand there as far as it matters between rounds. What is chosen is
+    /// brought to its end later.
     fn forms_in_place(&self, what: InPlace, forms: Vec<Hypothesis>) -> Vec<Fitted> {
         let worth = match what {
             InPlace::LessOfIt => f64::INFINITY,
@@ -256,16 +259,17 @@ impl Search<'_> {
         let quick = FitBudget::COMPARED.gain_below(2.0 * worth);
         let compared = different(race(&forms, self.train, Sides::BOTH, quick, 2.0 * WITHIN));
         let least = compared.first().map_or(f64::INFINITY, Fitted::squares);
-        let (near, far): (Vec<Fitted>, Vec<Fitted>) =
-            compared.into_iter().partition(|one| one.squares() <= 2.0 * worth);
-        let begins: Vec<Hypothesis> = near
+        let begins: Vec<Hypothesis> = compared
             .iter()
+            .filter(|one| one.squares() <= 2.0 * worth)
             .flat_map(|one| [Some(one.hypothesis.clone()), one.hypothesis.different_guides()])
             .flatten()
             .collect();
         let effort = self.on_the_way(least / self.train.rows.len() as f64).gain_below(worth);
         let further = race(&begins, self.train, Sides::BOTH, effort, WITHIN);
-        let mut fitted = different(further.into_iter().chain(far.into_iter().map(Ok)).collect());
+        // A fit begins inside of all bounds, and may end elsewhere than where it was begun.
+        let mut fitted =
+            different(further.into_iter().chain(compared.into_iter().map(Ok)).collect());
         // Of other forms of the law itself only those that come close.
         fitted.retain(|one| one.squares() <= worth || what != InPlace::OtherForm);
         fitted

@@ -91,6 +91,23 @@ mod tests {
         assert!(less.iter().all(|one| one.free() < spring.free()), "{less:?}");
     }
 
+    /// Two fits that begin a little apart and one that begins elsewhere.
+    #[test]
+    fn of_fits_that_come_to_the_same_place_one_stays() {
+        let cogging = |period| part("cogging", &[("amplitude", 1.0), ("period", period)]);
+        let model = StageModel::default();
+        let real = StageModel { effects: vec![cogging(4e-3).parameters()], ..model.clone() };
+        let train = Measured::new(&recording(&real, 3, 0.0, 2), &model, "the record").unwrap();
+        let start = Hypothesis::new(&model, Tolerances::default()).unwrap();
+        let starts = [9e-3, 4e-3, 4.01e-3].map(|period| start.with(cogging(period)));
+        let fitted = race(&starts, &train, Sides::BOTH, FitBudget::KEPT, f64::INFINITY);
+        let kept = different(fitted);
+        let period = |one: &Fitted| one.hypothesis.effects[0].value_of("period").unwrap();
+        let periods: Vec<f64> = kept.iter().map(period).collect();
+        assert_eq!(periods.len(), 2, "{periods:?}");
+        assert!((periods[0] / 4e-3 - 1.0).abs() < 1e-3, "{periods:?}");
+    }
+
     /// A lag of 0.15 ticks with a delay of 0.99: fits that begin at either alone, or at parts of
     /// their sum, end a tick away from it or without a delay.
     #[test]
