@@ -555,8 +555,12 @@ fn guides_of_another_friction_are_refused_with_a_law_hidden() {
             declared.replace("viscous_friction: 18 ", &format!("viscous_friction: {viscous} "));
         std::fs::write(&model, text).unwrap();
         let output = identify(model.to_str().unwrap(), &train, &holdout, &out);
-        let words =
-            ["other guides than the model declares", "viscous_friction is 1", "Declare them"];
+        let words = [
+            "other guides than the model declares",
+            "viscous_friction is 1",
+            "Declare them",
+            "guide-tolerance",
+        ];
         assert_refused(viscous, &output, &out, &words);
     }
     // With the declared one the law is named.

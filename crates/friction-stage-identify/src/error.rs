@@ -21,11 +21,12 @@ pub enum IdentifyError {
     )]
     Rates { first: f64, other: f64 },
     #[error(
-        "these are other guides than the model declares: {beyond} (tolerance {tolerance:.0} %); \
-         with these values {left:.4} N of {before:.4} N are left. Declare them, or, for a value \
-         other than 0, widen the tolerance of the guides"
+        "these are other guides than the model declares: {beyond}; with these values {left:.4} N \
+         of {before:.4} N are left. Declare them, or, for a value other than 0, widen its \
+         tolerance: `guide-tolerance` for Coulomb and viscous friction, `presliding-tolerance` \
+         for static friction and Stribeck velocity"
     )]
-    OtherGuides { beyond: String, tolerance: f64, before: f64, left: f64 },
+    OtherGuides { beyond: String, before: f64, left: f64 },
     #[error(
         "the noise of the sensors hides the force in {name}: encoder and cell read with \
          {encoder:.1e} m and {cell:.1e} N of noise (counts included), which leaves {floor:.1} N, \

@@ -479,7 +479,8 @@ mod tests {
         assert!((guide.static_force / guide.stiffness - 1e-3).abs() < 1e-12);
         let notes = model.notes().unwrap();
         assert_eq!(notes.len(), 1, "{notes:?}");
-        for words in ["guides[0]", "assumed", "stiffness 20 N m/rad", "static_force"] {
+        let damping = "damping_velocity 0.1 rad/s";
+        for words in ["guides[0]", "assumed", "stiffness 20 N m/rad", "static_force", damping] {
             assert!(notes[0].contains(words), "{notes:?}");
         }
         // What a user did not say is not written as if it had been.

@@ -149,8 +149,15 @@ impl<'a> Search<'a> {
         // Parameters that make no guide are no answer.
         let Ok(stated) = Hypothesis::new(&other.model(), tolerances) else { return Ok(None) };
         let again = fit(&holding(stated), self.train, Sides::BOTH, FitBudget::COMPARED)?;
-        let again = with_different_guides(&again.hypothesis, self.train, effort)?.hypothesis;
-        let left = errors(&again, self.train, self.holdout)?;
+        let again = with_different_guides(&again.hypothesis, self.train, effort)?;
+        let estimate = again.estimate(self.train, Sides::BOTH)?;
+        let again = &estimate.fitted.hypothesis;
+        let left = errors(again, self.train, self.holdout)?;
+        let deviation = |one| {
+            let coordinates = &estimate.fitted.coordinates;
+            let place = coordinates.iter().position(|c| c.id == ParameterId::Nominal(one));
+            place.map_or(f64::INFINITY, |place| estimate.deviation(place))
+        };
         let declared = Hypothesis::new(declared, tolerances)?;
         let mut is_far = false;
         let beyond: Vec<String> = NominalParameter::SLIDING
@@ -159,7 +166,11 @@ impl<'a> Search<'a> {
                 let value =
                     |hypothesis: &Hypothesis| hypothesis.declared_value(one, self.train.rate);
                 let (name, unit) = (one.name(), one.unit());
-                let (is, was) = (value(&again), value(&declared));
+                let (is, was) = (value(again), value(&declared));
+                // What the data do not know is as declared.
+                if (is / was).ln().abs() < 2.0 * deviation(one) {
+                    return None;
+                }
                 // Of none at all there is no share, however wide the tolerance: what it brings at
                 // the largest speed is one of the Coulomb friction.
                 let (factor, tolerance) = match (one, was) {
@@ -169,7 +180,7 @@ impl<'a> Search<'a> {
                         let usual = Tolerances::default().guides.min(tolerances.guides);
                         (1.0 + is * self.train.largest_speed() / coulomb, usual)
                     }
-                    _ => ((is / was).max(was / is), tolerances.guides),
+                    _ => ((is / was).max(was / is), declared.tolerance_of(one)),
                 };
                 // The others show only where a stage hardly moves: what a law does there moves them
                 // far.
@@ -177,12 +188,14 @@ impl<'a> Search<'a> {
                 {
                     is_far |= factor > 1.0 + self.criteria.far_guides * tolerance;
                 }
-                (factor > 1.0 + tolerance)
-                    .then(|| format!("{name} is {is:.4} {unit}, declared {was:.4} {unit}"))
+                (factor > 1.0 + tolerance).then(|| {
+                    let percent = 100.0 * tolerance;
+                    let (is, was) = (format!("{is:.4} {unit}"), format!("{was:.4} {unit}"));
+                    format!("{name} is {is}, declared {was} within {percent:.0} %")
+                })
             })
             .collect();
-        let tolerance = tolerances.guides;
-        Ok((!beyond.is_empty()).then_some(OtherGuides { beyond, tolerance, is_far, left }))
+        Ok((!beyond.is_empty()).then_some(OtherGuides { beyond, is_far, left }))
     }
 
     /// A model whose guides have a viscous friction that a fit can move: where all of it is zero,
@@ -204,7 +217,6 @@ impl<'a> Search<'a> {
 struct OtherGuides {
     /// What is beyond its tolerance, in words.
     beyond: Vec<String>,
-    tolerance: f64,
     /// Whether Coulomb or viscous friction is farther off than a law would move it.
     is_far: bool,
     /// What they leave.
@@ -215,7 +227,6 @@ impl OtherGuides {
     fn refusal(&self, before: &Errors) -> IdentifyError {
         IdentifyError::OtherGuides {
             beyond: self.beyond.join("; "),
-            tolerance: 100.0 * self.tolerance,
             before: before.holdout().sqrt(),
             left: self.left.holdout().sqrt(),
         }

@@ -18,6 +18,7 @@ use super::{
     Action, EffectDescriptor, EffectParameter, FrictionLaw, FrictionTerms, Motion, Multiplicity,
     RecordSpecific, Residual, Role, descriptor,
 };
+use crate::model::ModelError;
 use crate::plant::guides::FrictionScale;
 
 /// Friction must stay positive.
@@ -63,7 +64,7 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     multiplicity: Multiplicity::One,
     record_specific: RecordSpecific::Nothing,
     typical: &[2e-3, 0.0, 10.0, 3.0, 0.0],
-    check: descriptor::any,
+    check: has_what_its_form_follows,
     free: |values, index| match Form::of(values) {
         Form::Steady => index == 0,
         Form::Time => index == 1 || index == 2,
@@ -74,6 +75,22 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     starts: every_form,
     curve: None,
 };
+
+/// A part that the form does not look at would do nothing.
+fn has_what_its_form_follows(values: &[f64]) -> Result<(), ModelError> {
+    let [rate, fraction] = [values[0], values[1]];
+    let (key, value, limit) = match Form::of(values) {
+        Form::Steady if rate == 0.0 && fraction != 0.0 => {
+            ("fraction", fraction, "have form `time` or `distance`: form `steady` is by `rate`")
+        }
+        Form::Time | Form::Distance if fraction == 0.0 && rate != 0.0 => {
+            ("rate", rate, "have form `steady`: forms `time` and `distance` are by `fraction`")
+        }
+        _ => return Ok(()),
+    };
+    let key = format!("effects.friction_drift: {key}");
+    Err(ModelError::Value { key, value, limit: limit.to_owned() })
+}
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Form {
@@ -261,6 +278,22 @@ mod tests {
         let found = proposal(&DESCRIPTOR, &[0.02, 0.0, 10.0, 3.0, 0.0]);
         assert!((found[0] / 0.02 - 1.0).abs() < 0.1, "{found:?}");
         assert_silent_on_noise(&DESCRIPTOR);
+    }
+
+    #[test]
+    fn a_part_that_its_form_does_not_follow_is_refused() {
+        for (values, words) in [
+            ([0.0, 0.2, 10.0, 3.0, 0.0], ["fraction", "`time` or `distance`"]),
+            ([0.01, 0.0, 10.0, 3.0, 1.0], ["rate", "`steady`"]),
+            ([0.01, 0.0, 10.0, 3.0, 2.0], ["rate", "`steady`"]),
+        ] {
+            let refused = DESCRIPTOR.check_values(&values).unwrap_err().to_string();
+            assert!(words.iter().all(|word| refused.contains(word)), "{refused}");
+        }
+        for values in [[0.01, 0.2, 10.0, 3.0, 0.0], [0.01, 0.2, 10.0, 3.0, 2.0], [0.0; 5]] {
+            let in_bounds = [values[0], values[1], 10.0, 3.0, values[4]];
+            DESCRIPTOR.check_values(&in_bounds).unwrap();
+        }
     }
 
     #[test]
