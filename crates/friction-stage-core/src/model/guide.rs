@@ -135,20 +135,18 @@ impl PartialGuide {
     /// What is assumed of the guide, with its values; `key` says where it stands in the model.
     pub(super) fn assumption(&self, key: &str, joint: JointType) -> String {
         let guide = self.complete(joint);
-        let fading = guide.damping_velocity.unwrap_or(f64::INFINITY);
         let values = [
-            ("viscous_friction", self.viscous_friction, guide.viscous_friction, "N s/m"),
-            ("static_force", self.static_force, guide.static_force, "N"),
-            ("stribeck_velocity", self.stribeck_velocity, guide.stribeck_velocity, "m/s"),
-            ("stiffness", self.stiffness, guide.stiffness, "N/m"),
-            ("bristle_damping", self.bristle_damping, guide.bristle_damping, "N s/m"),
-            ("damping_velocity", self.damping_velocity, fading, "m/s"),
+            ("viscous_friction", self.viscous_friction, Some(guide.viscous_friction), "N s/m"),
+            ("static_force", self.static_force, Some(guide.static_force), "N"),
+            ("stribeck_velocity", self.stribeck_velocity, Some(guide.stribeck_velocity), "m/s"),
+            ("stiffness", self.stiffness, Some(guide.stiffness), "N/m"),
+            ("bristle_damping", self.bristle_damping, Some(guide.bristle_damping), "N s/m"),
+            ("damping_velocity", self.damping_velocity, guide.damping_velocity, "m/s"),
         ];
-        let is_assumed = |given: Option<f64>, value: f64| given.is_none() && value.is_finite();
-        let assumed = values.iter().filter(|(_, given, value, _)| is_assumed(*given, *value));
+        let assumed = values.iter().filter(|(_, given, ..)| given.is_none());
         let assumed: Vec<String> = assumed
-            .map(|(name, _, value, unit)| {
-                format!("{name} {} {}", rounded(*value, 4), joint.unit(unit))
+            .filter_map(|(name, _, value, unit)| {
+                Some(format!("{name} {} {}", rounded((*value)?, 4), joint.unit(unit)))
             })
             .collect();
         format!("{key} does not say all of a guide; assumed: {}", assumed.join(", "))
