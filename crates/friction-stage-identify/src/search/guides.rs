@@ -345,7 +345,30 @@ mod tests {
             let refused = search(&model, tolerances, &train, &holdout, &Silent).unwrap_err();
             let words = refused.to_string();
             assert!(words.contains("viscous_friction is "), "{guides}: {words}");
-            assert!(words.contains("declared 0.0000"), "{guides}: {words}");
+            // No part of nothing.
+            assert!(words.contains("declared 0.0000 N s/m;"), "{guides}: {words}");
+        }
+    }
+
+    /// Guides that stick with three times what is declared, where nothing is known of that.
+    #[test]
+    fn each_parameter_of_other_guides_has_its_own_tolerance() {
+        let (mass, coulomb, viscous, counts) = (20.0, 15.0, 80.0, 1e-7);
+        let model = axis(mass, 0.3 * coulomb, viscous, 1.5e7, counts);
+        let record = |shares: [f64; 8]| {
+            let steps = (0..6).flat_map(|_| shares).map(|share| share * coulomb);
+            let trace = sliding_axis(mass, coulomb, viscous, counts, steps);
+            Measured::new(&trace, &model, "the record").unwrap()
+        };
+        let train = record([2.0, -2.0, 1.7, -1.7, 2.0, -1.4, -2.0, 1.4]);
+        let holdout = record([2.0, -1.7, -2.0, 1.7, 1.4, -2.0, 2.0, -1.4]);
+        for (presliding, is_named) in [(0.3, true), (9.0, false)] {
+            let tolerances = Tolerances { presliding, ..Tolerances::default() };
+            let refused = search(&model, tolerances, &train, &holdout, &Silent).unwrap_err();
+            let words = refused.to_string();
+            assert!(words.contains("declared 4.5000 N within"), "{presliding}: {words}");
+            assert_eq!(words.contains("static_force is"), is_named, "{presliding}: {words}");
+            assert_eq!(words.contains("within 30 %"), is_named, "{presliding}: {words}");
         }
     }
 
