@@ -287,6 +287,19 @@ mod tests {
         }
     }
 
+    /// A train record and a hold-out of such an axis whose guides have this friction, N and N s/m.
+    fn records(model: &StageModel, coulomb: f64, viscous: f64) -> (Measured, Measured) {
+        let record = |shares: [f64; 8]| {
+            let steps = (0..6).flat_map(|_| shares).map(|share| share * coulomb);
+            let trace = sliding_axis(model.mass, coulomb, viscous, model.encoder.resolution, steps);
+            Measured::new(&trace, model, "the record").unwrap()
+        };
+        (
+            record([2.0, -2.0, 1.7, -1.7, 2.0, -1.4, -2.0, 1.4]),
+            record([2.0, -1.7, -2.0, 1.7, 1.4, -2.0, 2.0, -1.4]),
+        )
+    }
+
     #[test]
     fn guides_that_stick_harder_than_declared_are_no_effect() {
         for (mass, coulomb, viscous, stiffness, counts) in [
@@ -295,15 +308,7 @@ mod tests {
             (150.0, 60.0, 500.0, 3e7, 1e-7),
         ] {
             let model = axis(mass, coulomb, viscous, stiffness, counts);
-            let record = |shares: [f64; 8]| {
-                let steps = (0..6).flat_map(|_| shares).map(|share| share * coulomb);
-                let trace = sliding_axis(mass, coulomb, viscous, counts, steps);
-                Measured::new(&trace, &model, "the record").unwrap()
-            };
-            let (train, holdout) = (
-                record([2.0, -2.0, 1.7, -1.7, 2.0, -1.4, -2.0, 1.4]),
-                record([2.0, -1.7, -2.0, 1.7, 1.4, -2.0, 2.0, -1.4]),
-            );
+            let (train, holdout) = records(&model, coulomb, viscous);
             let selection =
                 search(&model, Tolerances::default(), &train, &holdout, &Silent).unwrap();
             assert_eq!(selection.verdict, Verdict::None, "{mass} kg");
@@ -331,15 +336,9 @@ mod tests {
     /// No factor makes anything of a viscous friction of 0, and no tolerance makes it another one.
     #[test]
     fn a_viscous_friction_that_was_left_out_is_refused_however_wide_the_tolerance() {
-        let (mass, coulomb, viscous, counts) = (20.0, 15.0, 80.0, 1e-7);
-        let model = axis(mass, coulomb, 0.0, 1.5e7, counts);
-        let record = |shares: [f64; 8]| {
-            let steps = (0..6).flat_map(|_| shares).map(|share| share * coulomb);
-            let trace = sliding_axis(mass, coulomb, viscous, counts, steps);
-            Measured::new(&trace, &model, "the record").unwrap()
-        };
-        let train = record([2.0, -2.0, 1.7, -1.7, 2.0, -1.4, -2.0, 1.4]);
-        let holdout = record([2.0, -1.7, -2.0, 1.7, 1.4, -2.0, 2.0, -1.4]);
+        let (coulomb, viscous) = (15.0, 80.0);
+        let model = axis(20.0, coulomb, 0.0, 1.5e7, 1e-7);
+        let (train, holdout) = records(&model, coulomb, viscous);
         for guides in [Tolerances::default().guides, 0.99] {
             let tolerances = Tolerances { guides, ..Tolerances::default() };
             let refused = search(&model, tolerances, &train, &holdout, &Silent).unwrap_err();
@@ -350,18 +349,13 @@ mod tests {
         }
     }
 
-    /// Guides that stick with three times what is declared, where nothing is known of that.
+    /// Guides with three times the declared Coulomb and static friction, and static friction of
+    /// which nothing is known.
     #[test]
     fn each_parameter_of_other_guides_has_its_own_tolerance() {
-        let (mass, coulomb, viscous, counts) = (20.0, 15.0, 80.0, 1e-7);
-        let model = axis(mass, 0.3 * coulomb, viscous, 1.5e7, counts);
-        let record = |shares: [f64; 8]| {
-            let steps = (0..6).flat_map(|_| shares).map(|share| share * coulomb);
-            let trace = sliding_axis(mass, coulomb, viscous, counts, steps);
-            Measured::new(&trace, &model, "the record").unwrap()
-        };
-        let train = record([2.0, -2.0, 1.7, -1.7, 2.0, -1.4, -2.0, 1.4]);
-        let holdout = record([2.0, -1.7, -2.0, 1.7, 1.4, -2.0, 2.0, -1.4]);
+        let (coulomb, viscous) = (15.0, 80.0);
+        let model = axis(20.0, 0.3 * coulomb, viscous, 1.5e7, 1e-7);
+        let (train, holdout) = records(&model, coulomb, viscous);
         for (presliding, is_named) in [(0.3, true), (9.0, false)] {
             let tolerances = Tolerances { presliding, ..Tolerances::default() };
             let refused = search(&model, tolerances, &train, &holdout, &Silent).unwrap_err();
