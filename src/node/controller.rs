@@ -8,7 +8,7 @@
 
 use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU8, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
-use std::task::Poll;
+use std::task::{Context, Poll};
 use std::time::{Duration, Instant};
 
 use futures::channel::mpsc::{UnboundedReceiver, UnboundedSender};
@@ -39,7 +39,7 @@ use super::runtime::{Background, End, Startup};
 use super::signals::Signals;
 use super::source_watch::SourceWatch;
 use super::stage_status::{SECOND_SOURCE, gid_text};
-use super::waiter::Waiter;
+use super::waiter::{Turns, Waiter};
 use super::wire::{Setpoint, SetpointError, controller_state, setpoint};
 use super::words::{Recent, quoted};
 use crate::outcome::Outcome;
@@ -370,6 +370,7 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
         sources: SourceWatch::default(),
         waiting: Vec::new(),
         states: Vec::with_capacity(BURST),
+        states_due: None,
         setpoint_stamp: 0,
         frame: String::new(),
     };
@@ -475,6 +476,25 @@ enum Event {
     Control(Control),
 }
 
+#[derive(Clone, Copy)]
+enum Source {
+    Control,
+    Wishes,
+    Measurements,
+    Setpoint,
+    Trajectory,
+    Encoder,
+}
+
+const SOURCES: &[Source] = &[
+    Source::Control,
+    Source::Wishes,
+    Source::Measurements,
+    Source::Setpoint,
+    Source::Trajectory,
+    Source::Encoder,
+];
+
 /// Parameters that can change while running.
 struct Retuned {
     settings: ControllerSettings,
@@ -567,8 +587,9 @@ struct ControllerLoop {
     sources: SourceWatch,
     /// Setpoints that came before the first sample.
     waiting: Vec<JointTrajectory>,
-    /// States that wait for others.
+    /// States that wait for others, and until when.
     states: Vec<ControllerState>,
+    states_due: Option<Instant>,
     setpoint_stamp: i64,
     frame: String,
 }
@@ -577,31 +598,16 @@ impl ControllerLoop {
     /// Works until the node ends, or why it cannot go on.
     fn run(mut self) -> Option<String> {
         let waiter = Waiter::new();
+        let mut turns = Turns::new(SOURCES);
         loop {
-            let burst = (!self.states.is_empty()).then(|| Instant::now() + BURST_WITHIN);
-            let patience = burst.into_iter().chain(self.held_until()).min();
-            let event = waiter.wait(patience, |context| {
-                // First what comes seldom: samples may be there always.
-                let control = std::pin::Pin::new(&mut self.control).poll_next(context);
-                if let Poll::Ready(control) = control {
-                    return Poll::Ready(Event::Control(control.unwrap_or(Control::Shutdown)));
-                }
-                let wishes = std::pin::Pin::new(&mut self.goals.wishes);
-                if let Poll::Ready(Some(wish)) = wishes.poll_next(context) {
-                    return Poll::Ready(Event::Wish(wish));
-                }
-                let measurements = std::pin::Pin::new(&mut self.measurements);
-                if let Poll::Ready(Some(wish)) = measurements.poll_next(context) {
-                    return Poll::Ready(Event::Measure(wish));
-                }
-                if let Poll::Ready(setpoint) = self.setpoint.poll_take(context) {
-                    return Poll::Ready(Event::Setpoint(setpoint));
-                }
-                if let Poll::Ready(trajectory) = self.trajectory.poll_take(context) {
-                    return Poll::Ready(Event::Trajectory(trajectory));
-                }
-                self.encoder.poll_take_from(context).map(Event::Encoder)
-            });
+            // States that have waited long enough go out, however much there is to hear.
+            let is_due = self.states_due.is_some_and(|due| Instant::now() >= due);
+            let patience = self.states_due.into_iter().chain(self.held_until()).min();
+            let event = if is_due {
+                None
+            } else {
+                waiter.wait(patience, |context| self.poll(&mut turns, context))
+            };
             match event {
                 None => {
                     self.publish_states();
@@ -641,6 +647,28 @@ impl ControllerLoop {
                 Some(Event::Control(control)) => self.handle(control),
             }
         }
+    }
+
+    fn poll(&mut self, turns: &mut Turns<Source>, context: &mut Context<'_>) -> Poll<Event> {
+        fn next<T>(inbox: &mut UnboundedReceiver<T>, context: &mut Context<'_>) -> Poll<Option<T>> {
+            std::pin::Pin::new(inbox).poll_next(context)
+        }
+        turns.poll(|source| match source {
+            Source::Control => next(&mut self.control, context)
+                .map(|control| Event::Control(control.unwrap_or(Control::Shutdown))),
+            // Where nobody can ask any more, nothing comes.
+            Source::Wishes => match next(&mut self.goals.wishes, context) {
+                Poll::Ready(Some(wish)) => Poll::Ready(Event::Wish(wish)),
+                _ => Poll::Pending,
+            },
+            Source::Measurements => match next(&mut self.measurements, context) {
+                Poll::Ready(Some(wish)) => Poll::Ready(Event::Measure(wish)),
+                _ => Poll::Pending,
+            },
+            Source::Setpoint => self.setpoint.poll_take(context).map(Event::Setpoint),
+            Source::Trajectory => self.trajectory.poll_take(context).map(Event::Trajectory),
+            Source::Encoder => self.encoder.poll_take_from(context).map(Event::Encoder),
+        })
     }
 
     /// Forgets integral and lowpass, and how the bristles of the compensation are loaded.
@@ -940,12 +968,14 @@ impl ControllerLoop {
         let state =
             controller_state(header, answered, &self.held, self.enabled, self.setpoint_stamp);
         self.states.push(state);
+        self.states_due.get_or_insert_with(|| Instant::now() + BURST_WITHIN);
         if self.states.len() >= BURST {
             self.publish_states();
         }
     }
 
     fn publish_states(&mut self) {
+        self.states_due = None;
         let Some(stamp) = self.states.last().map(|state| state.header.stamp.to_nanos()) else {
             return;
         };

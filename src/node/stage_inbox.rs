@@ -15,7 +15,7 @@ use super::participant::{Participant, ParticipantError};
 use super::qos::COMMANDS;
 use super::recorder::{Heard, RecorderHandle};
 use super::runtime::Startup;
-use super::waiter::Waiter;
+use super::waiter::{Turns, Waiter};
 use friction_stage_data::message::{
     Float64MultiArray, JointCommand, JointState, JointTrajectory, WrenchStamped,
 };
@@ -30,6 +30,18 @@ pub enum Event {
     Unreadable(CommandTopic, ReadError),
 }
 
+#[derive(Clone, Copy)]
+enum Source {
+    Control,
+    Setpoint,
+    Force,
+    JointCommands,
+    Commands,
+}
+
+const SOURCES: &[Source] =
+    &[Source::Control, Source::Setpoint, Source::Force, Source::JointCommands, Source::Commands];
+
 /// The subscriptions of the stage. What comes in is handed to the recorder as it came.
 pub struct Inbox {
     force: Inlet<WrenchStamped>,
@@ -41,6 +53,9 @@ pub struct Inbox {
     control: UnboundedReceiver<Control>,
     recorder: RecorderHandle,
     joint: String,
+    turns: Turns<Source>,
+    /// A deadline that has passed, and after which an event has come.
+    passed: Option<Instant>,
 }
 
 impl Inbox {
@@ -64,12 +79,22 @@ impl Inbox {
             control,
             recorder,
             joint: joint.to_owned(),
+            turns: Turns::new(SOURCES),
+            passed: None,
         })
     }
 
-    /// Waits for the next event; `None` when `deadline` has passed first.
+    /// Waits for the next event; `None` when `deadline` has passed first. One event may still come
+    /// after it; more of them do not keep it from having passed.
     pub fn next(&mut self, waiter: &Waiter, deadline: Option<Instant>) -> Option<Event> {
-        waiter.wait(deadline, |context| self.poll(context))
+        if deadline.is_some() && self.passed == deadline {
+            return None;
+        }
+        let event = waiter.wait(deadline, |context| self.poll(context))?;
+        if deadline.is_some_and(|deadline| Instant::now() >= deadline) {
+            self.passed = deadline;
+        }
+        Some(event)
     }
 
     /// Waits for control alone; everything else keeps its turn.
@@ -86,50 +111,64 @@ impl Inbox {
     }
 
     fn poll(&mut self, context: &mut Context<'_>) -> Poll<Event> {
-        // First what comes seldom: where a command is always there already, as in lockstep with a
-        // pause, it would never have its turn.
-        match std::pin::Pin::new(&mut self.control).poll_next(context) {
-            Poll::Ready(Some(control)) => return Poll::Ready(Event::Control(control)),
-            // Everybody who could control this loop is gone.
-            Poll::Ready(None) => return Poll::Ready(Event::Control(Control::Shutdown)),
-            Poll::Pending => {}
-        }
-        if let Poll::Ready(result) = self.setpoint.poll_take(context) {
-            match result {
-                Ok(message) => {
-                    // A setpoint's stamp is when it starts, which may be long after it came: record
-                    // it as of now.
-                    self.recorder.hear(|| Heard::Setpoint(message.clone()));
-                    return Poll::Ready(Event::Setpoint(message));
-                }
-                Err(error) => tracing::warn!("a setpoint could not be read: {error}"),
+        // Apart, so that the rest can be borrowed meanwhile.
+        let mut turns = std::mem::replace(&mut self.turns, Turns::new(SOURCES));
+        let event = turns.poll(|source| match source {
+            Source::Control => self.poll_control(context),
+            Source::Setpoint => self.poll_setpoint(context),
+            Source::Force => self.poll_force(context),
+            Source::JointCommands => self.poll_joint_commands(context),
+            Source::Commands => self.poll_commands(context),
+        });
+        self.turns = turns;
+        event
+    }
+
+    fn poll_control(&mut self, context: &mut Context<'_>) -> Poll<Event> {
+        // Without a sender, everybody who could control this loop is gone.
+        let control = std::pin::Pin::new(&mut self.control).poll_next(context);
+        control.map(|control| Event::Control(control.unwrap_or(Control::Shutdown)))
+    }
+
+    fn poll_setpoint(&mut self, context: &mut Context<'_>) -> Poll<Event> {
+        match self.setpoint.poll_take(context) {
+            Poll::Ready(Ok(message)) => {
+                // A setpoint's stamp is when it starts, which may be long after it came: record it
+                // as of now.
+                self.recorder.hear(|| Heard::Setpoint(message.clone()));
+                Poll::Ready(Event::Setpoint(message))
             }
+            Poll::Ready(Err(error)) => {
+                tracing::warn!("a setpoint could not be read: {error}");
+                // There may be more.
+                context.waker().wake_by_ref();
+                Poll::Pending
+            }
+            Poll::Pending => Poll::Pending,
         }
-        if let Poll::Ready(result) = self.force.poll_take_from(context) {
-            return Poll::Ready(match result {
-                Ok((message, writer)) => {
-                    let command = Command::from_wrench(&message);
-                    // Its stamp is what the peer says: record it as of now.
-                    self.recorder.hear(|| Heard::Force(message));
-                    Event::Command(CommandSource { topic: CommandTopic::Force, writer }, command)
-                }
-                Err(error) => Event::Unreadable(CommandTopic::Force, error),
-            });
-        }
-        if let Poll::Ready(event) = self.poll_joint_commands(context) {
-            return Poll::Ready(event);
-        }
-        if let Poll::Ready(result) = self.commands.poll_take_from(context) {
-            return Poll::Ready(match result {
-                Ok((message, writer)) => {
-                    let command = Command::from_array(&message);
-                    self.recorder.hear(|| Heard::Commands(message));
-                    Event::Command(CommandSource { topic: CommandTopic::Commands, writer }, command)
-                }
-                Err(error) => Event::Unreadable(CommandTopic::Commands, error),
-            });
-        }
-        Poll::Pending
+    }
+
+    fn poll_force(&mut self, context: &mut Context<'_>) -> Poll<Event> {
+        self.force.poll_take_from(context).map(|taken| match taken {
+            Ok((message, writer)) => {
+                let command = Command::from_wrench(&message);
+                // Its stamp is what the peer says: record it as of now.
+                self.recorder.hear(|| Heard::Force(message));
+                Event::Command(CommandSource { topic: CommandTopic::Force, writer }, command)
+            }
+            Err(error) => Event::Unreadable(CommandTopic::Force, error),
+        })
+    }
+
+    fn poll_commands(&mut self, context: &mut Context<'_>) -> Poll<Event> {
+        self.commands.poll_take_from(context).map(|taken| match taken {
+            Ok((message, writer)) => {
+                let command = Command::from_array(&message);
+                self.recorder.hear(|| Heard::Commands(message));
+                Event::Command(CommandSource { topic: CommandTopic::Commands, writer }, command)
+            }
+            Err(error) => Event::Unreadable(CommandTopic::Commands, error),
+        })
     }
 
     fn poll_joint_commands(&mut self, context: &mut Context<'_>) -> Poll<Event> {

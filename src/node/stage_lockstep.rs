@@ -84,6 +84,8 @@ struct Run {
 
 /// Samples to go on by while time is paused.
 struct ActiveSteps {
+    /// The first of them: a sample that was out when they were asked for is none.
+    first: u64,
     left: u64,
     asked: Steps,
 }
@@ -97,8 +99,11 @@ impl Run {
     }
 
     /// A sample is over.
-    fn step_done(&mut self) {
+    fn step_done(&mut self, tick: &Tick) {
         let Some(steps) = &mut self.steps else { return };
+        if tick.sample.index < steps.first {
+            return;
+        }
         steps.left -= 1;
         steps.asked.done.store(steps.asked.count - steps.left, Ordering::Relaxed);
         if steps.left == 0 {
@@ -195,7 +200,7 @@ impl StageLoop {
             }
             self.stage.advance(if run.enabled && ahead.is_none() { held } else { 0.0 });
             self.status.clamped.store(self.stage.clamped(), Ordering::Relaxed);
-            run.step_done();
+            run.step_done(&tick);
             if self.settings.pause_at.is_some_and(|time| tick.sample.time >= time) {
                 self.settings.pause_at = None;
                 self.pause(&mut run, true);
@@ -456,7 +461,8 @@ impl StageLoop {
             Event::Control(Control::Step(asked)) => {
                 let why = match (run.paused, &run.steps) {
                     (true, None) => {
-                        run.steps = Some(ActiveSteps { left: asked.count, asked });
+                        let first = self.status.sample.load(Ordering::Relaxed) + 1;
+                        run.steps = Some(ActiveSteps { first, left: asked.count, asked });
                         return false;
                     }
                     (true, Some(_)) => "other steps are under way",

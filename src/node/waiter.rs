@@ -68,6 +68,32 @@ impl Waiter {
     }
 }
 
+/// Whose turn it is among sources that are polled one after the other: what was served comes last
+/// in the next round, so that none of them, however much it has, keeps the others waiting.
+pub struct Turns<S: 'static> {
+    sources: &'static [S],
+    first: usize,
+}
+
+impl<S: Copy> Turns<S> {
+    /// The order of the first round.
+    pub fn new(sources: &'static [S]) -> Self {
+        Self { sources, first: 0 }
+    }
+
+    /// What the first source gives that has something.
+    pub fn poll<T>(&mut self, mut poll: impl FnMut(S) -> Poll<T>) -> Poll<T> {
+        let count = self.sources.len();
+        for turn in (self.first..count).chain(0..self.first) {
+            if let Poll::Ready(value) = poll(self.sources[turn]) {
+                self.first = (turn + 1) % count;
+                return Poll::Ready(value);
+            }
+        }
+        Poll::Pending
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use std::{
@@ -84,6 +110,27 @@ mod tests {
         let nothing: Option<()> = Waiter::new().wait(Some(start + limit), |_| Poll::Pending);
         assert_eq!(nothing, None);
         assert!(start.elapsed() >= limit, "{:?}", start.elapsed());
+    }
+
+    #[test]
+    fn a_source_that_always_has_something_leaves_the_others_their_turn() {
+        let mut turns = Turns::new(&["flood", "sample", "silent"]);
+        let mut samples = 0;
+        let mut served = Vec::new();
+        for _ in 0..6 {
+            let Poll::Ready(source) = turns.poll(|source| match source {
+                "flood" => Poll::Ready(source),
+                "sample" if samples < 2 => {
+                    samples += 1;
+                    Poll::Ready(source)
+                }
+                _ => Poll::Pending,
+            }) else {
+                panic!("nothing is ready");
+            };
+            served.push(source);
+        }
+        assert_eq!(served, ["flood", "sample", "flood", "sample", "flood", "flood"]);
     }
 
     #[test]
