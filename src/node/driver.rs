@@ -121,14 +121,15 @@ impl Process {
     }
 
     fn ended(&self, status: ExitStatus) -> anyhow::Error {
+        anyhow::anyhow!("the {} node ended ({status}); {}", self.name, self.last_words())
+    }
+
+    /// The last lines of its log, and where it is.
+    fn last_words(&self) -> String {
         let log = std::fs::read_to_string(&self.log).unwrap_or_default();
         let lines: Vec<&str> = log.lines().rev().take(5).collect();
         let tail = lines.into_iter().rev().collect::<Vec<_>>().join("\n  ");
-        anyhow::anyhow!(
-            "the {} node ended ({status}); {} says:\n  {tail}",
-            self.name,
-            self.log.display()
-        )
+        format!("{} says:\n  {tail}", self.log.display())
     }
 
     fn signal(&self) {
@@ -350,8 +351,10 @@ impl Driver {
             }
             anyhow::ensure!(
                 Instant::now() < deadline,
-                "the run stands still; see {}",
-                stage.log.display()
+                "the run has stood still for {} s; {}\n{}",
+                PATIENCE.as_secs(),
+                stage.last_words(),
+                controller.last_words()
             );
         }
         let taken = published.elapsed();

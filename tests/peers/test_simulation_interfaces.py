@@ -134,6 +134,26 @@ def test_steps_are_bit_for_bit_the_samples_of_lockstep(friction_stage, friction_
     assert runs[0] == runs[1]
 
 
+def test_a_sample_that_is_out_when_steps_are_asked_for_is_none_of_them(friction_stage):
+    stage = friction_stage(control_rate=1000.0, answer_timeout=60.0)
+    ros, simulator = stage.ros, Simulator(stage.ros)
+    client = ActionClient(ros.node, SimulateSteps, "/stage/simulate_steps")
+    ros.until(client.server_is_ready, "the action")
+    out = nanoseconds(stage.step(0.0).header.stamp)
+    assert simulator.set(PAUSED) == OK
+    # A goal that is accepted has reached the stage.
+    goal = ros.result(client.send_goal_async(SimulateSteps.Goal(steps=1)), "the answer to a goal")
+    end = goal.get_result_async()
+    # After the answer to the sample that was out the step goes out.
+    assert nanoseconds(stage.step(0.0).header.stamp) == out + PERIOD
+    ros.spin(0.1)
+    assert not end.done()
+    stage.force.publish(WrenchStamped(header=stage.sample.header))
+    assert ros.result(end, "the end of the step").result.result.result == OK
+    ros.spin(0.1)
+    assert nanoseconds(stage.sample.header.stamp) == out + PERIOD
+
+
 def test_what_cannot_be_stepped_says_why(ros, stage):
     stage(mode="lockstep", control_rate=1000.0)
     simulator = Simulator(ros)
