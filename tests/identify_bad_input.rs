@@ -96,6 +96,13 @@ fn holdout() -> Columns {
     along(&moves(8.0, 4), 4)
 }
 
+/// With a force of the motor over the position hidden.
+fn with_cogging(mut columns: Columns) -> Columns {
+    let hidden = columns.position.iter().map(|x| 4.0 * (std::f64::consts::TAU * x / 0.024).sin());
+    columns.force.iter_mut().zip(hidden).for_each(|(force, hidden)| *force -= hidden);
+    columns
+}
+
 fn csv(home: &Path, name: &str, columns: &Columns) -> PathBuf {
     let path = home.join(format!("{name}.csv"));
     columns.to_trace().write_csv(&path).unwrap();
@@ -103,6 +110,10 @@ fn csv(home: &Path, name: &str, columns: &Columns) -> PathBuf {
 }
 
 fn identify(model: &str, train: &Path, holdout: &Path, out: &Path) -> Output {
+    identify_with(model, train, holdout, out, &[])
+}
+
+fn identify_with(model: &str, train: &Path, holdout: &Path, out: &Path, more: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_friction-stage"))
         .args(["identify", "--force", "--model", model, "--json", "--train"])
         .arg(train)
@@ -110,6 +121,7 @@ fn identify(model: &str, train: &Path, holdout: &Path, out: &Path) -> Output {
         .arg(holdout)
         .arg("--out")
         .arg(out)
+        .args(more)
         .output()
         .unwrap()
 }
@@ -531,6 +543,40 @@ fn another_machine_than_the_declared_one_is_refused() {
     }
 }
 
+/// Where nothing is known of mass and friction, tolerances say so, and what is hidden is found.
+#[test]
+fn another_machine_within_wide_tolerances_is_identified() {
+    let home = TempDir::new().unwrap();
+    let (train, holdout) = (
+        csv(home.path(), "train", &with_cogging(train())),
+        csv(home.path(), "holdout", &with_cogging(holdout())),
+    );
+    let declared = std::fs::read_to_string(MODEL).unwrap();
+    let (model, out) = (home.path().join("model.yaml"), home.path().join("out"));
+    for (mass, friction) in [("100", 3.0), ("15", 0.4)] {
+        let mut other = declared.replace("mass: 40", &format!("mass: {mass}"));
+        for (name, value) in [("coulomb", 13.5), ("static", 16.8)] {
+            let is = |value: f64| format!("{name}_force: {value} ");
+            assert!(other.contains(&is(value)), "{other}");
+            other = other.replace(&is(value), &is(value * friction));
+        }
+        std::fs::write(&model, other).unwrap();
+        let output = identify(model.to_str().unwrap(), &train, &holdout, &out);
+        let words = ["another machine", &format!("declares {mass}")];
+        assert_refused(mass, &output, &out, &words);
+        let wide = ["--mass-tolerance", "2", "--guide-tolerance", "3"];
+        let output = identify_with(model.to_str().unwrap(), &train, &holdout, &out, &wide);
+        let reported = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(0), "{mass}: {reported}");
+        let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert_eq!(summary["verdict"], "found", "{mass}: {summary:#}");
+        assert_eq!(summary["effects"][0]["name"], "cogging", "{mass}: {summary:#}");
+        let fitted = summary["declared_parameters"]["mass"]["value"].as_f64().unwrap();
+        assert!((fitted - 40.1).abs() < 0.1, "{mass}: {fitted} kg");
+        std::fs::remove_dir_all(&out).unwrap();
+    }
+}
+
 /// A viscous friction far from the declared one, or left out, is no law, whatever else is hidden:
 /// here a force of the motor over the position.
 #[test]
@@ -538,14 +584,10 @@ fn guides_of_another_friction_are_refused_with_a_law_hidden() {
     let home = TempDir::new().unwrap();
     let declared = std::fs::read_to_string(MODEL).unwrap();
     assert!(declared.contains("viscous_friction: 18 "));
-    let hide = |mut columns: Columns| {
-        let places = columns.position.clone();
-        let hidden = places.iter().map(|x| 4.0 * (std::f64::consts::TAU * x / 0.024).sin());
-        columns.force.iter_mut().zip(hidden).for_each(|(force, hidden)| *force -= hidden);
-        columns
-    };
-    let (train, holdout) =
-        (csv(home.path(), "train", &hide(train())), csv(home.path(), "holdout", &hide(holdout())));
+    let (train, holdout) = (
+        csv(home.path(), "train", &with_cogging(train())),
+        csv(home.path(), "holdout", &with_cogging(holdout())),
+    );
     for viscous in ["0", "6", "60"] {
         let (model, out) = (
             home.path().join(format!("{viscous}.yaml")),

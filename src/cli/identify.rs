@@ -66,7 +66,8 @@ pub struct IdentifyArgs {
     /// YAML file that says which topic and field, or column, is which signal
     #[arg(long, value_name = "FILE")]
     pub mapping: Option<PathBuf>,
-    /// How far the mass may be from the declared one, as a share of it between 0 and 1
+    /// How far the mass may be from the declared one, as a share of it; 1 and more, up to 9, is a
+    /// factor of 1 + SHARE either way
     #[arg(
         long,
         value_name = "SHARE",
@@ -74,8 +75,7 @@ pub struct IdentifyArgs {
         value_parser = share,
     )]
     pub mass_tolerance: f64,
-    /// How far each parameter of the guides may be from the declared one, as a share of it between
-    /// 0 and 1
+    /// The same for each parameter of the guides, as where nothing is known of their friction
     #[arg(
         long,
         value_name = "SHARE",
@@ -84,8 +84,7 @@ pub struct IdentifyArgs {
     )]
     pub guide_tolerance: f64,
     /// The same for bristle stiffness, bristle damping, static friction and Stribeck velocity,
-    /// where they are known worse; 1 and more is a factor of 1 + SHARE either way
-    /// [default: that of the guides]
+    /// where they are known worse, without an upper limit [default: that of the guides]
     #[arg(long, value_name = "SHARE", value_parser = positive)]
     pub presliding_tolerance: Option<f64>,
     /// Write the motion that would best settle what these data leave open, as a
@@ -109,10 +108,13 @@ const PARTIAL_MODEL_FILE: &str = "partial.yaml";
 
 fn share(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| format!("`{text}` is no number"))?;
-    if value > 0.0 && value < 1.0 {
+    if value > 0.0 && value <= Tolerances::MOST {
         Ok(value)
     } else {
-        Err(format!("{value} must be between 0 and 1, such as 0.16"))
+        Err(format!(
+            "{value} must be above 0 and at most {}, such as 0.16 for 16 %",
+            Tolerances::MOST
+        ))
     }
 }
 
@@ -156,18 +158,19 @@ pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
     let progress = Progress::of(STEPS, "reading");
     tell_of_stop(progress.bar());
 
-    let records = Records::load(&args.train, &args.holdout, mapping.as_ref(), part, &declared)
+    let tolerances = Tolerances {
+        mass: args.mass_tolerance,
+        guides: args.guide_tolerance,
+        presliding: args.presliding_tolerance.unwrap_or(args.guide_tolerance),
+    };
+    let (train, holdout) = (&args.train, &args.holdout);
+    let records = Records::load(train, holdout, mapping.as_ref(), part, &declared, tolerances)
         .map_err(|error| refused(error, declared.joint))?;
     let limits = args
         .next_experiment
         .as_ref()
         .map(|_| args.limits.limits(&declared, &records.train))
         .transpose()?;
-    let tolerances = Tolerances {
-        mass: args.mass_tolerance,
-        guides: args.guide_tolerance,
-        presliding: args.presliding_tolerance.unwrap_or(args.guide_tolerance),
-    };
     // Where nothing can be written, the user does not wait for it.
     let motion_file =
         args.next_experiment.clone().map(|file| file.unwrap_or_else(|| args.out.join(next::FILE)));

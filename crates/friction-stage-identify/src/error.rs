@@ -34,6 +34,11 @@ pub enum IdentifyError {
          acceleration"
     )]
     HiddenByNoise { name: &'static str, encoder: f64, cell: f64, floor: f64, force: f64 },
+    #[error(
+        "{name} is {value}, must be above 0 and at most {most}: a share of the declared value, \
+         such as 0.16; 1 and more is a factor of 1 + the tolerance either way"
+    )]
+    Tolerance { name: &'static str, value: f64, most: f64 },
     #[error(transparent)]
     Model(#[from] ModelError),
 }

@@ -81,6 +81,7 @@ impl Question {
             self.mapping.as_ref(),
             friction_stage_data::signals::Window::default(),
             declared,
+            self.tolerances,
         )
         .map_err(|error| Refused::Records(error, declared.joint))?;
         let limits = self

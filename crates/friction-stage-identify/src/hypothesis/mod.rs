@@ -8,10 +8,12 @@ use friction_stage_core::model::{
 use friction_stage_core::plant::effects::{ParameterKind, RecordSpecific, Role};
 use friction_stage_core::plant::{EffectDescriptor, Side, SlippingRipple};
 
+use crate::error::IdentifyError;
 use crate::hypothesis::nominal_parameter::NominalParameter;
 use crate::record::measured::{Floor, Measured};
 
-/// How far the real machine may be from the declared one, as shares of the declared values.
+/// How far the real machine may be from the declared one, as shares of the declared values; at 1
+/// and above a factor of 1 + this either way.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tolerances {
     /// Of the moving mass.
@@ -19,7 +21,7 @@ pub struct Tolerances {
     /// Of each LuGre parameter, as the mean over the guides.
     pub guides: f64,
     /// Of bristle stiffness, bristle damping, static friction and Stribeck velocity, where they are
-    /// known worse than sliding friction is; at 1 and above a factor of 1 + this either way.
+    /// known worse than sliding friction is.
     pub presliding: f64,
 }
 
@@ -27,6 +29,25 @@ impl Default for Tolerances {
     /// Assumed: a carriage is weighed to half a percent; guides of one type differ by 16 %.
     fn default() -> Self {
         Tolerances { mass: 0.005, guides: 0.16, presliding: 0.16 }
+    }
+}
+
+impl Tolerances {
+    /// Largest tolerance of the mass and of the sliding friction: a factor of ten either way. What
+    /// is known worse has no use for what is declared.
+    pub const MOST: f64 = 9.0;
+
+    /// Refuses what is no tolerance.
+    pub fn check(&self) -> Result<(), IdentifyError> {
+        let given = [
+            ("mass_tolerance", self.mass, Self::MOST),
+            ("guide_tolerance", self.guides, Self::MOST),
+            ("presliding_tolerance", self.presliding, f64::MAX),
+        ];
+        match given.into_iter().find(|(_, value, most)| !(*value > 0.0 && value <= most)) {
+            None => Ok(()),
+            Some((name, value, most)) => Err(IdentifyError::Tolerance { name, value, most }),
+        }
     }
 }
 
@@ -197,6 +218,12 @@ impl FreeParameter {
 fn factors(tolerance: f64) -> (f64, f64) {
     let upper = (1.0 + tolerance).ln();
     (if tolerance < 1.0 { (1.0 - tolerance).ln() } else { -upper }, upper)
+}
+
+/// Whether a value may be another one within its tolerance.
+pub(crate) fn allows(tolerance: f64, declared: f64, measured: f64) -> bool {
+    let (least, largest) = factors(tolerance);
+    (least..=largest).contains(&(measured / declared).ln())
 }
 
 /// Which number of a hypothesis.

@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 
 use crate::error::IdentifyError;
 use crate::finding::IdentifyFinding;
+use crate::hypothesis::{Tolerances, allows};
 use crate::record::joined::joined;
 use crate::record::measured::Measured;
 use friction_stage_core::model::StageModel;
@@ -165,18 +166,20 @@ fn codes(findings: &[DataFinding]) -> String {
 
 impl Records {
     /// Reads both sides: bags or tables, several of a side are joined. Of each recording `part` is
-    /// read, [`MOST_SAMPLES`] of it at most. Every guard of the command line is here.
+    /// read, [`MOST_SAMPLES`] of it at most. Every guard of the command line is here. A mass or a
+    /// friction that the tolerances allow is that of no other machine.
     pub fn load(
         train: &[PathBuf],
         holdout: &[PathBuf],
         mapping: Option<&Mapping>,
         part: Window,
         model: &StageModel,
+        tolerances: Tolerances,
     ) -> Result<Records, RecordsError> {
         let files = |paths: &[PathBuf]| -> Vec<RecordSource> {
             paths.iter().cloned().map(RecordSource::File).collect()
         };
-        Records::read(&files(train), &files(holdout), mapping, part, model)
+        Records::read(&files(train), &files(holdout), mapping, part, model, tolerances)
     }
 
     /// As [`load`](Self::load), from files or from columns in memory.
@@ -186,6 +189,7 @@ impl Records {
         mapping: Option<&Mapping>,
         part: Window,
         model: &StageModel,
+        tolerances: Tolerances,
     ) -> Result<Records, RecordsError> {
         for (index, source) in train.iter().enumerate() {
             if train[..index].iter().any(|other| source.is(other)) {
@@ -199,7 +203,10 @@ impl Records {
         }
         let mut findings = Vec::new();
         let mut read = |sources: &[RecordSource]| -> Result<Vec<Recording>, RecordsError> {
-            sources.iter().map(|source| read(source, mapping, part, model, &mut findings)).collect()
+            sources
+                .iter()
+                .map(|source| read(source, mapping, part, (model, tolerances), &mut findings))
+                .collect()
         };
         let (mut train_bags, mut holdout_bags) = (read(train)?, read(holdout)?);
         let paths = |sources: &[RecordSource]| -> Vec<PathBuf> {
@@ -235,17 +242,31 @@ fn read(
     source: &RecordSource,
     mapping: Option<&Mapping>,
     part: Window,
-    model: &StageModel,
+    (model, tolerances): (&StageModel, Tolerances),
     findings: &mut Vec<IdentifyFinding>,
 ) -> Result<Recording, RecordsError> {
     let path = source.path();
     let mut recording = source.read(mapping, part)?;
-    let mut found = examine(&recording, Some(model)).findings;
+    let examined = |recording: &Recording| {
+        let mut found = examine(recording, Some(model)).findings;
+        // What may be another value is not wrong.
+        found.retain(|finding| match finding {
+            DataFinding::OtherMachine { declared, measured, .. } => {
+                !allows(tolerances.mass, *declared, *measured)
+            }
+            DataFinding::OtherFriction { declared, measured, .. } => {
+                !allows(tolerances.guides, *declared, *measured)
+            }
+            _ => true,
+        });
+        found
+    };
+    let mut found = examined(&recording);
     let (broken, _): (Vec<DataFinding>, Vec<_>) =
         found.iter().cloned().partition(|finding| finding.broken_signal().is_some());
     if !broken.is_empty() {
         broken.iter().for_each(|finding| leave_out(&mut recording, finding));
-        found = examine(&recording, Some(model)).findings;
+        found = examined(&recording);
     }
     let fatal: Vec<DataFinding> =
         found.iter().filter(|finding| finding.severity() == Severity::Fatal).cloned().collect();

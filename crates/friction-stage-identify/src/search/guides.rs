@@ -10,9 +10,6 @@ use super::score::errors;
 use super::selection::Errors;
 use super::state::{Search, with_different_guides};
 
-/// Tolerance of a guide of which nothing is known.
-const ANY_GUIDE: f64 = 9.0;
-
 impl<'a> Search<'a> {
     /// The search with stiffness and damping of the bristles as the record has them, where the
     /// declared ones end on a bound and leave more than noise and these leave none: how a guide
@@ -139,7 +136,9 @@ impl<'a> Search<'a> {
         effort: FitBudget,
     ) -> Result<Option<OtherGuides>, IdentifyError> {
         let tolerances = self.before.fitted.hypothesis.tolerances;
-        let wide = Tolerances { guides: ANY_GUIDE, presliding: ANY_GUIDE, ..tolerances };
+        // As for a guide of which nothing is known.
+        let wide =
+            Tolerances { guides: Tolerances::MOST, presliding: Tolerances::MOST, ..tolerances };
         let holding = |one: Hypothesis| match self.before.fitted.hypothesis.holds_shift() {
             true => one.holding_shift(),
             false => one,

@@ -60,6 +60,7 @@ pub fn search_by(
     watch: &dyn Watch,
 ) -> Result<Selection, IdentifyError> {
     watch.progress("fit of the declared model", 0.0);
+    tolerances.check()?;
     let start = Hypothesis::new(declared, tolerances)?;
     for (name, record) in [("the train record", train), ("the hold-out record", holdout)] {
         let (floor, force) = (start.floor(record).total(), record.force_rms());

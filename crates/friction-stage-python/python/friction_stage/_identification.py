@@ -185,7 +185,8 @@ def identify(
             arrays with the columns of a trace; or several of them, which are joined.
         holdout: What no fit sees; it decides what is kept.
         mapping: As for ``read_bag``, for files.
-        mass_tolerance: How far the mass may be from the declared one, as a share.
+        mass_tolerance: How far the mass may be from the declared one, as a share; 1 and more, up to
+            9, is a factor of 1 + the tolerance either way.
         guide_tolerance: The same for each parameter of the guides.
         presliding_tolerance: The same for stiffness, damping, static friction and Stribeck
             velocity.
