@@ -35,8 +35,9 @@ pub enum IdentifyError {
     )]
     HiddenByNoise { name: &'static str, encoder: f64, cell: f64, floor: f64, force: f64 },
     #[error(
-        "{name} is {value}, must be above 0 and at most {most}: a share of the declared value, \
-         such as 0.16; 1 and more is a factor of 1 + the tolerance either way"
+        "{name} is {value}, must be above 0{}: a share of the declared value, such as 0.16; 1 and \
+         more is a factor of 1 + the tolerance either way",
+        if most.is_finite() { format!(" and at most {most}") } else { String::new() }
     )]
     Tolerance { name: &'static str, value: f64, most: f64 },
     #[error(transparent)]

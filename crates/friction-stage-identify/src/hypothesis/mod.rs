@@ -42,9 +42,12 @@ impl Tolerances {
         let given = [
             ("mass_tolerance", self.mass, Self::MOST),
             ("guide_tolerance", self.guides, Self::MOST),
-            ("presliding_tolerance", self.presliding, f64::MAX),
+            ("presliding_tolerance", self.presliding, f64::INFINITY),
         ];
-        match given.into_iter().find(|(_, value, most)| !(*value > 0.0 && value <= most)) {
+        match given
+            .into_iter()
+            .find(|(_, value, most)| !(*value > 0.0 && value <= most && value.is_finite()))
+        {
             None => Ok(()),
             Some((name, value, most)) => Err(IdentifyError::Tolerance { name, value, most }),
         }
@@ -577,5 +580,45 @@ impl Hypothesis {
                 self.effects[effect].values[index] = value
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_no_tolerance_is_refused() {
+        let usual = Tolerances::default();
+        assert!(usual.check().is_ok());
+        assert!(Tolerances { mass: 9.0, guides: 9.0, presliding: 1000.0 }.check().is_ok());
+        for wrong in [0.0, -0.1, f64::NAN, f64::INFINITY, 16.0] {
+            for (name, tolerances) in [
+                ("mass_tolerance", Tolerances { mass: wrong, ..usual }),
+                ("guide_tolerance", Tolerances { guides: wrong, ..usual }),
+            ] {
+                let refused = tolerances.check().unwrap_err().to_string();
+                assert!(refused.contains(&format!("{name} is {wrong}")), "{refused}");
+                assert!(refused.contains("at most 9"), "{refused}");
+            }
+        }
+        let none = Tolerances { presliding: 0.0, ..usual }.check().unwrap_err().to_string();
+        assert!(none.contains("presliding_tolerance is 0, must be above 0"), "{none}");
+    }
+
+    #[test]
+    fn a_tolerance_is_a_share_below_one_and_a_factor_above() {
+        for (tolerance, least, most) in [(0.2, 0.8, 1.2), (3.0, 0.25, 4.0)] {
+            for (factor, allowed) in [
+                (0.99 * least, false),
+                (1.01 * least, true),
+                (0.99 * most, true),
+                (1.01 * most, false),
+            ] {
+                assert_eq!(allows(tolerance, 40.0, 40.0 * factor), allowed, "{tolerance} {factor}");
+            }
+        }
+        // A negative mass is none.
+        assert!(!allows(3.0, 40.0, -40.0));
     }
 }

@@ -452,7 +452,7 @@ mod tests {
             &RecordSource::File(path),
             None,
             Window::default(),
-            &StageModel::default(),
+            (&StageModel::default(), Tolerances::default()),
             &mut findings,
         )
         .unwrap();
